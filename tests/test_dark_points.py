@@ -61,10 +61,10 @@ def test_a_hidden_point_is_not_taken_for_a_neighbour_in_frame_after_frame() -> N
 def finding(assignment: list[int], confidence: list[float], probability: float = 0.99) -> Any:
     """What `DarkPoints` looks at."""
     told = SimpleNamespace(probabilities=np.ones(1), clutter=0.001, modes=SimpleNamespace(visible=np.ones((1, 3))))
-    options = SimpleNamespace(detection_rate=0.9)
+    options, model = SimpleNamespace(detection_rate=0.9), SimpleNamespace(images=())
     return SimpleNamespace(
         assignment=np.array(assignment), confidence=np.array(confidence), posterior=told, probability=probability,
-        task=SimpleNamespace(options=options), model=SimpleNamespace(images=()), mode=0,
+        task=SimpleNamespace(options=options), model=model, judged=(told, model), mode=0,
     )  # fmt: skip
 
 

@@ -153,16 +153,7 @@ def why_unsearched(part: MatchingTask) -> str:
 
 def match_bodies(task: MatchingTask, solve: Solve) -> Finding:
     """The match of a task whose source points are of several bodies; ``solve`` matches one of them."""
-    assert task.bodies is not None
-    parts = [task.body(k) for k in range(len(task.bodies.names))]
-    bodies = [_Body(number=k, task=own, found=make_empty_finding(own, LATE)) for k, own in enumerate(parts)]
-    with suppress(OutOfTime):
-        _match_each(task, bodies, solve)
-    return join_findings(task, [body.found for body in bodies], sum(body.evaluated for body in bodies))
-
-
-def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
-    """Match each of the bodies."""
+    bodies = [_Body(number=k, task=own, found=make_empty_finding(own, LATE)) for k, own in enumerate(task.each_body)]
     free = np.ones(task.shape[1], np.bool_)
 
     def search(body: _Body, budget: int) -> None:
@@ -171,8 +162,10 @@ def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
             body.settled = True
             free[body.detections] = False
 
-    search_rounds(task, bodies, lambda body, budget: body.is_worth_searching(free, budget), search)
-    _make_exclusive(task, bodies, free, solve, search_budgets(task)[-1])
+    with suppress(OutOfTime):
+        search_rounds(task, bodies, lambda body, budget: body.is_worth_searching(free, budget), search)
+        _make_exclusive(task, bodies, free, solve, search_budgets(task)[-1])
+    return join_findings(task, [body.found for body in bodies], sum(body.evaluated for body in bodies))
 
 
 def search_budgets(task: MatchingTask) -> list[int]:
@@ -215,7 +208,7 @@ def search_body_among(
 
     A sampler that the caller gave has a budget of its own, or none.
     """
-    part = task.body(number)
+    part = task.each_body[number]
     if task.deadline.passed():
         return make_empty_finding(part, LATE), False
     part = copy_with(part, deadline=task.deadline.part(BODY if task.budget is None else BODY_OF_FRAME))

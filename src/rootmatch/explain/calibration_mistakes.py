@@ -21,7 +21,7 @@ from rootmatch.errors import InputError
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.mistake import Mistake, each_body, scale_noise
+from rootmatch.explain.mistake import Mistake, scale_noise
 from rootmatch.explain.rig_search import camera_task
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
@@ -78,7 +78,7 @@ def _calibrate(unknowns: int, known: dict[tuple[int, float], Finding], given: Ma
         If too few points match with any camera.
     """
     task = given.without_priors()
-    for k, body in enumerate(each_body(task)):
+    for k, body in enumerate(task.each_body):
         for factor in FACTORS:
             if (k, factor) not in known or known[k, factor].task.deadline.passed():
                 known[k, factor] = _explain_noisier(body, factor)
@@ -143,7 +143,7 @@ def _replace_camera(k: int, given: MatchingTask) -> MatchingTask:
     """
     task = given.without_priors()
     assert task.rig is not None
-    for body in each_body(task):
+    for body in task.each_body:
         every = np.arange(body.shape[0])
         seen = explain(body.subset(every, np.flatnonzero(body.camera_of != k)))
         if seen.status is not Status.MATCHED or seen.pose is None:

@@ -62,7 +62,7 @@ def _warn_of_idle_solver(task: MatchingTask) -> None:
     """Warn of a solver that was named and does not decide, as poses do; Python shows that once for each line."""
     if task.options.solver is None:
         return
-    one = task if task.bodies is None else task.body(0)
+    one = task.each_body[0]
     if is_modelled(one) or make_point_set_model(one) is not None:
         warnings.warn(
             f"solver: the poses of {task.problem.name} decide, and this solver only adds proposals, which seldom "
@@ -77,7 +77,7 @@ def _explain_searching(task: MatchingTask, searching: bool | Choice) -> Finding:
     if not searching:
         return _explain_predicted(task)
     if callable(searching):
-        if task.bodies is not None and is_modelled(task.body(0)):
+        if task.bodies is not None and is_modelled(task.each_body[0]):
             return match_bodies_in_image(task, _propose, choice=searching)
         if task.prior_pose is not None:
             return match_predicted(task, _propose, searching)
@@ -120,9 +120,9 @@ def _explain_predicted(task: MatchingTask) -> Finding:
 def _choose_route(task: MatchingTask, judging: bool) -> Finding:
     """The finding of a task whose noise is known, by the route that its other knowledge calls for."""
     if task.bodies is not None:
-        if task.problem.takes_prior and is_modelled(task.body(0)):
+        if task.problem.takes_prior and is_modelled(task.each_body[0]):
             return match_bodies_in_image(task, _propose)
-        if make_point_set_model(task.body(0)) is not None:
+        if make_point_set_model(task.each_body[0]) is not None:
             return match_bodies_in_space(task, _propose_in_space)
         return match_bodies(task, _explain_in_time)
     of_camera = task.problem.takes_prior  # two point sets are weighed with all that is known, see `MotionPrior`

@@ -52,6 +52,12 @@ class Misfit(NamedTuple):
         sigma = math.sqrt(chi2 / freedom) if freedom else math.nan
         return cls((NOISE_FREEDOM + chi2) / (NOISE_FREEDOM + freedom), sigma, freedom)
 
+    @classmethod
+    def told_by(cls, found: Finding) -> Misfit | None:
+        """What a finding tells of its residuals; None if that is nothing."""
+        factor = found.noise_factor
+        return None if factor is None else cls(factor**2, factor, found.noise_dof, found.alike, found.another)
+
     def rescaled_log_odds(self, log_odds: float) -> float:
         """Log-odds of the pose if σ was stated as many times too small, of those with the σ given.
 

@@ -178,8 +178,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
 
     ``solve`` matches one of them; ``choice`` says what to search, everything if not given.
     """
-    assert task.bodies is not None
-    bodies = [_make_body(task, k) for k in range(len(task.bodies.names))]
+    bodies = [_make_body(task, k) for k in range(len(task.each_body))]
     for body in bodies:
         others = [other for other in bodies if other is not body]
         source = body.task.points.source
@@ -293,7 +292,7 @@ def _is_taken(body: _Body, bodies: Sequence[_Body]) -> bool:
 
 def _make_body(task: MatchingTask, number: int) -> _Body:
     """A body for which nothing has been found yet."""
-    own, count = task.body(number), task.shape[1]
+    own, count = task.each_body[number], task.shape[1]
     nothing, told = make_empty_finding(own, None), empty_posterior(own.rows)
     free, used = np.ones(count, np.bool_), np.zeros(count)
     return _Body(

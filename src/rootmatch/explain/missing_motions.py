@@ -86,17 +86,11 @@ class Rest(NamedTuple):
 
     def named(self, count: int) -> list[Integers]:
         """What the search named beside what it found, each (count,) as an assignment of all points."""
-        return (
-            []
-            if self.told is None
-            else [self.expand_assignment(one, count) for one in (*self.told.others, *self.told.named)]
-        )
-
-    def expand_assignment(self, assignment: Integers, count: int) -> Integers:
-        """An assignment of what is left as one of all, so many, points."""
-        whole = np.full(count, -1, np.int64)
-        whole[self.points] = np.where(assignment >= 0, self.detections[assignment], -1)
-        return whole
+        every = np.full((0 if self.told is None else len(self.told.others) + len(self.told.named), count), -1, np.int64)
+        if self.told is not None and len(every):
+            named = np.array([*self.told.others, *self.told.named])
+            every[:, self.points] = np.where(named >= 0, self.detections[named], -1)
+        return list(every)
 
 
 def add_missing_motions(

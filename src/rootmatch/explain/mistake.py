@@ -51,11 +51,6 @@ def scale_noise(points: PointSets, source: float, target: float) -> PointSets:
     )
 
 
-def each_body(task: MatchingTask) -> list[MatchingTask]:
-    """The tasks of single bodies among all detections."""
-    return [task] if task.bodies is None else [task.body(number) for number in range(len(task.bodies.names))]
-
-
 class Mistake(NamedTuple):
     """What may be wrong, what to do about it, and how a task is corrected."""
 

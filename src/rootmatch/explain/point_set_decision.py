@@ -17,7 +17,7 @@ from rootmatch.explain.finding import Finding, empty_tensor, make_unjudged
 from rootmatch.explain.goodness_of_fit import MOST_ALIKE, Misfit, discount_misfit, is_misfit
 from rootmatch.explain.image_decision import BY_ITS_LAW, odds_lead
 from rootmatch.explain.in_time import final_deadline
-from rootmatch.explain.predicted_motion import is_search_needless, predicted_labellings
+from rootmatch.explain.predicted_pose import is_motion_search_needless, predicted_labellings
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
@@ -135,7 +135,7 @@ def _judge_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None
     if not (every >= 0).all():
         every = grow_labellings(model.clouds, _add_symmetric(task, every), model.mirror, task.allowed)
     judged = model.judged(every)
-    if not is_search_needless(model, judged):
+    if not is_motion_search_needless(model, judged):
         return None
     # a part of the source that is like another one explains less, and tells nothing of where this one is
     alone = judged.log_odds - judged.known

@@ -37,7 +37,6 @@ from rootmatch.model.proposals import (
     solve_minimal_sets,
 )
 from rootmatch.model.shown_in_part import ShownOfCopy
-from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.rig_fit import LEAST
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.guided.sampler import Guided
@@ -112,7 +111,7 @@ def _search_for_copy(
                     evaluated += other.evaluated
                     hypotheses += _in_all_cameras(rest, k, own, other.assignments)
                 else:
-                    hypotheses += (_search_triples(part, beside, k, own, guided) or ([], False))[0]
+                    hypotheses += (search_rig_triples(part, beside, k, own, guided) or ([], False))[0]
                 unmet[k] = least - 1
         there, _ = _verify_hypotheses(beside, hypotheses, LIMITS_OF_BOUNDED, narrowing=False)
         verified = np.concatenate([verified, np.where(there >= 0, left[there], -1)])
@@ -159,7 +158,7 @@ def _search_cameras(
             continue
         part = copy_with(part, deadline=searching.part(1.0 / (len(parts) - number)))
         if task.search_camera is not None:
-            by_triples = _search_triples(part, model, k, own, guided)
+            by_triples = search_rig_triples(part, model, k, own, guided)
             if by_triples is not None:
                 hypotheses += by_triples[0]
                 continue  # triples tell all: a search for four there meets nothing else
@@ -189,7 +188,8 @@ def _search_cameras(
         met = len(hypotheses)
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():
-                led, every = _search_triples(copy_with(part, deadline=searching), model, k, own, guided) or ([], False)
+                part = copy_with(part, deadline=searching)
+                led, every = search_rig_triples(part, model, k, own, guided) or ([], False)
                 hypotheses += led
                 all_triples |= every
                 unmet[k] = min(unmet[k], LEAST - 2 if every else LEAST - 1)
@@ -225,15 +225,6 @@ def camera_task(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Intege
         options=copy_with(part.options, sampler=guided, seed=part.options.seed + k),
     )
     return k, own, part
-
-
-def _search_triples(
-    part: MatchingTask, model: DetectionModel, k: int, own: Integers, guided: Guided
-) -> tuple[list[Integers], bool] | None:
-    """See `search_rig_triples`; a measured vertical has its say in the model."""
-    camera = part.problem.camera  # type: ignore[attr-defined]
-    of_triples = part if type(part.problem) is P3P else copy_with(part, problem=P3P(camera))
-    return search_rig_triples(of_triples, model, k, own, guided)
 
 
 def _sufficient_assignments(

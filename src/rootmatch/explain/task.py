@@ -299,13 +299,11 @@ class MatchingTask:
         points = self.problem.with_noise(self.points, sigma)
         return copy_with(self, points=points, noise=sigma, estimates_noise=False, noise_is_estimated=True)
 
-    def body(self, k: int) -> Self:
-        """The task of one of the bodies and all detections, with its predicted pose."""
-        return self._body_tasks[k]
-
     @cached_property
-    def _body_tasks(self) -> list[Self]:
-        assert self.bodies is not None
+    def each_body(self) -> list[Self]:
+        """The tasks of the bodies among all detections, with their predicted poses; itself where none are labelled."""
+        if self.bodies is None:
+            return [self]
         every = []
         for k, (name, points) in enumerate(zip(self.bodies.names, self.bodies.parts_of(self.points), strict=True)):
             told = prior_attributes(self.priors.get(name)) | {"present": self.present_of.get(name)}
@@ -318,10 +316,10 @@ class MatchingTask:
 
         Partial knowledge of the pose holds for some of the points as well.
         """
-        nothing: dict[str, Any] = {"prior_pose": None, "rivals": NONE, "found_before": None}
-        nothing |= {"priors": {}, "rivals_of": {}}
+        told: dict[str, Any] = {"prior_pose": None, "rivals": NONE, "found_before": None, "priors": {}, "rivals_of": {}}
+        told |= {"bodies": None, "options": self.options.local_options} | known
         rows, columns = (slice(None) if one is None else one for one in (source, target))
-        points = known.pop("points", None) or self.points.subset(source, target)
+        points = told.pop("points", None) or self.points.subset(source, target)
 
         def of_pairs(whole: NDArray[Any] | None) -> NDArray[Any] | None:
             return None if whole is None else np.ascontiguousarray(whole[rows][:, columns])
@@ -329,12 +327,10 @@ class MatchingTask:
         return copy_with(
             self,
             points=self.problem.in_image(points),
-            options=self.options.local_options,
             calibration_noise=None if self.calibration_noise is None else self.calibration_noise[columns],
             allowed=of_pairs(self.allowed),
             weights=of_pairs(self.weights),
-            bodies=None,
-            **(nothing | known),
+            **told,
         )
 
 

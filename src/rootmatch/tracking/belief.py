@@ -30,10 +30,8 @@ from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import average_pose
 from rootmatch.tracking.followed_motion import update_motion
 from rootmatch.tracking.followed_places import (
-    ANYTHING,
     LOOKED_AT,
     GonePlaces,
-    LastFrame,
     absence_chance,
     copy_chance,
     log_absence,
@@ -58,7 +56,6 @@ from rootmatch.tracking.mistaken_identity import (
     update_identity,
 )
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
-from rootmatch.tracking.two_states import log_chance
 from rootmatch.tracking.weighed_modes import LIKELY, WeighedModes, weigh_modes
 
 MOST = 4
@@ -70,15 +67,7 @@ DOUBTED = 1e-3
 
 
 class Belief:
-    """The hypotheses of one body's pose; none while it is lost.
-
-    Parameters
-    ----------
-    source : (n, 3) array
-        Its points.
-    motion : MotionOptions
-        How fast it may move.
-    """
+    """The hypotheses of one body's pose; none while it is lost. ``source``: (n, 3) its points."""
 
     def __init__(self, source: Floats, motion: MotionOptions) -> None:
         self.source, self.motion = source, motion
@@ -221,15 +210,15 @@ class Belief:
         if self.poses and isinstance(model.prior, Doubted):
             assert told.origins is not None
             origin, doubt = told.origins[:LOOKED_AT], model.prior.doubt
-        log_shares = log_chance(np.concatenate([shares * (1.0 - doubt), [doubt]]))  # the last is that of a new one
+        log_shares = np.log(np.maximum([*(shares * (1.0 - doubt)), doubt], 1e-300))  # the last is that of a new one
         first = int((origin >= 0).argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
         weighed, self.most = weigh_modes(
             found, origin, log_shares, (first, often), poses=self.poses, most=self.most, time=time
         )
-        nothing = float(log_chance(np.array(told.clutter))) - self.presence_after_return(time)
+        nothing = float(np.log(max(told.clutter, 1e-300))) - self.presence_after_return(time)
         go_on = weighed.steps(found, model, nothing, log_shares)
-        own = (log_chance(shares) if doubt == 1.0 else log_shares[:-1] - math.log1p(-doubt)).tolist()
+        own = (np.log(np.maximum(shares, 1e-300)) if doubt == 1.0 else log_shares[:-1] - math.log1p(-doubt)).tolist()
         stay = [self._keep_unmatched(k, often * nothing, go_on, own) for k in range(len(self.poses))]
         stay = [one for one in stay if one.origin not in {step.origin for step in go_on}]
         self._follow(found, weighed, sorted([*stay, *go_on], key=lambda one: -one.total), time)
@@ -237,9 +226,7 @@ class Belief:
 
     def _follow(self, found: Finding, weighed: WeighedModes, after: list[Step], time: float) -> None:
         """Follow the likeliest of the hypotheses that may be ``after`` a frame, the most probable first."""
-        told, model, modes, origin = found.posterior, found.model, weighed.modes, weighed.origin
-        assert told is not None
-        assert model is not None
+        (told, model), modes, origin = found.judged, weighed.modes, weighed.origin
         # no frame makes more of a place than it is, so one that is less probable than a wrong model never counts
         least = [math.log(WRONG_MODEL) if one.place != after[0].place else -NEGLIGIBLE for one in after]
         likely = [one for one, gap in zip(after, least, strict=True) if one.total > after[0].total + gap][:MOST]
@@ -287,10 +274,11 @@ class Belief:
         if seen:
             return log_return(self.poses[0], time)
         before, since = (1.0, self.best.time) if self.poses else (self.absent, self.time)
-        last, told = ANYTHING, found.posterior
+        last, told = dict[str, float](), found.posterior
         if self.room and told is not None and found.model is not None and mode < len(told.probabilities):
-            last = LastFrame(time - self.room[0], overlooked_chance(found.model, told.modes, mode, self.room[1]))
-        return log_absence(before, time - since, time - self.excluded, last)
+            overlooked = overlooked_chance(found.model, told.modes, mode, self.room[1])
+            last = {"ago": time - self.room[0], "overlooked": overlooked}
+        return log_absence(before, time - since, time - self.excluded, **last)
 
     def log_other(self, k: int, pose: Pose | None, time: float, found: Finding, assignment: Integers) -> float:
         """Log-odds that what is found with a pose is something else, before it is known how well it fits.
@@ -306,8 +294,7 @@ class Belief:
 
     def _advance(self, step: Step, found: Finding, modes: Modes, time: float, seen: bool) -> FollowedPose:
         """The hypothesis that a step leads to; ``seen``: whether the body is where it is followed."""
-        model = found.model
-        assert model is not None
+        _, model = found.judged
         if step.mode is None:
             return copy_with(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
         pose = average_pose(model, modes, step.mode)
@@ -323,10 +310,8 @@ class Belief:
             last = self.poses[step.origin]
             moving = last.filter.copy()
             moving.update(pose, time, step.chance)
-        if step.mode == found.mode and (factor := found.noise_factor) is not None:
-            misfit = Misfit(factor**2, factor, found.noise_dof, found.alike, found.another)
-        else:
-            misfit = mode_misfit(model, modes, step.mode)
+        misfit = Misfit.told_by(found) if step.mode == found.mode else None
+        misfit = misfit or mode_misfit(model, modes, step.mode)
         stands = found.status is Status.MATCHED or math.isfinite(step.weighed)
         shows = stands + (last.shows if step.origin >= 0 and last.filter.time == self.time else 0)
         before = self.log_other(step.origin, pose, time, found, modes.assignments[step.mode])

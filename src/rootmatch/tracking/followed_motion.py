@@ -29,18 +29,8 @@ def update_motion(
     """Hypotheses after a match of two point sets: only one that is trusted tells a pose.
 
     Whether what is followed is something else, each frame tells that shows it where it was expected.
-
-    Parameters
-    ----------
-    followed : list of FollowedPose
-    found : Finding
-    time : float
-    of_body : (source, motion)
-        Points of the body, and how fast it may move: of a new hypothesis.
-    given_up : MotionFilter, optional
-        What was followed and did not fit.
-    weight : float
-        Of a frame's evidence that it is something else.
+    ``of_body``: points of the body, and how fast it may move, of a new hypothesis. ``given_up``: what was followed and
+    did not fit. ``weight``: of a frame's evidence that it is something else.
     """
     matched, holds = found.status is Status.MATCHED, bool(found.prior_holds and found.pose is not None and followed)
     if holds and found.pose is not None:
@@ -61,10 +51,9 @@ def update_motion(
 
 def _log_other(log_odds: float, found: Finding, weight: float) -> float:
     """Log-odds after a frame that it shows something else, of the body as it most probably is: with points off."""
-    factor = found.noise_factor
-    if log_odds <= SURE or factor is None or not (found.log_odds or 0.0) > 0.0:
+    misfit = Misfit.told_by(found)
+    if log_odds <= SURE or misfit is None or not (found.log_odds or 0.0) > 0.0:
         return log_odds
-    misfit = Misfit(factor**2, factor, found.noise_dof, found.alike, found.another)
     return update_identity(
         log_odds, misfit, weight, as_off=misfit.largest_error_gain(found.task.log_inexact), least=SURE
     )

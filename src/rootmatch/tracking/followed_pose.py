@@ -98,15 +98,8 @@ class Step(NamedTuple):
 def temper(evidence: Floats, origin: Integers, often: float) -> Floats:
     """Logarithms (M,) of evidence of modes that counts for less; what several of one hypothesis have, counts once.
 
-    Otherwise a hypothesis that a frame splits into two gains by that.
-
-    Parameters
-    ----------
-    evidence : (M,) array
-    origin : (M,) int array
-        The hypothesis of each; −1 for a new one, which each is.
-    often : float
-        Weight of a frame's evidence.
+    Otherwise a hypothesis that a frame splits into two gains by that. ``origin``: (M,) the
+    hypothesis of each, −1 for a new one, which each is; ``often``: weight of a frame's evidence.
     """
     out = often * evidence
     if len(out) < 2:
@@ -142,11 +135,7 @@ def share_misfit_odds(poses: Sequence[FollowedPose], left: tuple[int, float] | N
     What is in a place, and does not fit the body in the most probable of its poses, is something else. Then so it is in
     the others, however well they fit: these were improbable beside the first one, and are not what is left without it.
 
-    Parameters
-    ----------
-    poses : sequence of FollowedPose
-    left : (int, float), optional
-        Place and logarithm of the weight of a pose that does not fit and is not followed at all.
+    ``left``: place and logarithm of the weight of a pose that does not fit and is not followed at all.
     """
     out, misfits = list(poses), [] if left is None else [left]
     misfits += [(one.place, one.total) for one in poses if one.log_other >= GIVEN_UP]

@@ -42,12 +42,10 @@ def find_identical_bodies(labels: BodyLabels, points: Floats, normals: Floats | 
     groups: list[list[Label]] = []
     of: dict[Label, Integers] = {name: labels.points_of(k) for k, name in enumerate(labels.names)}
     for name in labels.names:
-        for group in groups:
-            if _is_same(points, normals, of[group[0]], of[name]):
-                group.append(name)
-                break
-        else:
-            groups.append([name])
+        group = next((one for one in groups if _is_same(points, normals, of[one[0]], of[name])), None)
+        if group is None:
+            groups.append(group := [])
+        group.append(name)
     return [group for group in groups if len(group) > 1]
 
 
@@ -59,14 +57,7 @@ def name_places(
 ) -> None:
     """Let bodies of each group follow the places that a frame shows for certain, one each.
 
-    Parameters
-    ----------
-    groups : sequence of sequences of labels
-        Of `identical_bodies`.
-    bodies, parts : dict
-        The bodies with what they follow after the frame, and its findings.
-    time : float
-        Of the frame.
+    ``bodies``, ``parts``: the bodies with what they follow after the frame, and its findings.
     """
     for group in groups:
         beliefs = {label: bodies[label].belief for label in group}

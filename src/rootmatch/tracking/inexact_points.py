@@ -35,14 +35,9 @@ class InexactPoints:
     """Standard deviation of a coordinate, once it is certain."""
 
     def take(self, found: Finding | None, stays: float | None) -> None:
-        """Learn from a frame.
+        """Learn from a frame of a single body.
 
-        Parameters
-        ----------
-        found : Finding, optional
-            Of a single body.
-        stays : float, optional
-            Log-odds, by the residuals of this frame and those of the one before, that they stay.
+        ``stays``: log-odds, by the residuals of this frame and those of the one before, that they stay.
         """
         if found is None or found.status is not Status.MATCHED or self.error is not None:
             return

@@ -181,17 +181,9 @@ class NoiseScale:
     ) -> bool:
         """Compare the residuals of each body with those of the frame before; whether the noise has become another one.
 
-        Parameters
-        ----------
-        parts : dict
-            Findings of a frame, which were made with σ times a factor, by the labels of bodies.
-        asked : set
-            Labels of the bodies to look for with more noise, if they are not trusted and do not fit.
-        factor : float
-        with_more : callable
-            From another factor to the findings with it.
-        later : bool
-            Whether the next frame looks for them: this one was searched, which takes long enough.
+        ``parts``: findings of a frame, made with σ times a ``factor``. ``asked``: bodies to look for with more noise,
+        if they are not trusted and do not fit; ``with_more``: from another factor to the findings with it. ``later``:
+        whether the next frame looks for them, as this one was searched, which takes long enough.
         """
         doubtful = {label for label, part in parts.items() if label in self.waiting or _is_bad_fit(part, factor)}
         each: list[Hashable] = [label for label in doubtful if label in asked]
