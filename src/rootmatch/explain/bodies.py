@@ -177,7 +177,7 @@ def search_budgets(task: MatchingTask) -> list[int]:
 def search_order(task: MatchingTask, bodies: Sequence[Body]) -> Sequence[Body]:
     """Bodies in the order in which they are looked for: with limited time, another one first after a frame cut short.
 
-    Its seed is another one, too: see `rootmatch.tracking.search_schedule.RepeatedSearch`.
+    Its seed is another one, too: see `rootmatch.tracking.search_schedule.reorder_draws`.
     """
     first = task.options.seed % len(bodies) if task.deadline.is_set else 0
     return [*bodies[first:], *bodies[:first]]

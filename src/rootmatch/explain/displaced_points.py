@@ -143,7 +143,7 @@ def _judge_displacement(model: DetectionModel, place: _Place, rows: Integers, fr
 
 
 def point_advice(found: Finding, whole: Finding | None = None) -> str:
-    """What `displaced_points` finds, as a part of advice; empty if it finds nothing.
+    """What `find_displaced_points` finds, as a part of advice; empty if it finds nothing.
 
     ``whole``: of one of several bodies, the finding of all.
     """

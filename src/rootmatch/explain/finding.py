@@ -142,7 +142,7 @@ class Finding:
         return copy_with(self, facts=copy_with(self.facts, probability=probability, **contested), confidence=confidence)
 
     def scale_probability(self, factor: float) -> Self:
-        """A copy that is less probable by a factor, as is each of its matches; ambiguous as of `doubted`."""
+        """A copy that is less probable by a factor, as is each of its matches; ambiguous as of `lower_probability`."""
         if self.facts.probability is None or self.confidence is None:
             return self
         less = np.where(self.assignment >= 0, factor, 1.0) * self.confidence

@@ -113,7 +113,7 @@ def _judge_and_search(
     budget: int = QUICK,
     proposed: bool = False,
 ) -> Finding:
-    """See `judged_motions`; each search is appended to ``searched``."""
+    """See `judge_motions`; each search is appended to ``searched``."""
     asked, alone = found.task.options.motions, _single_motion_task(found.task)
     assignment, labels = found.assignment.copy(), found.motion_labels.copy()
     parts: dict[int, _Part] = {}

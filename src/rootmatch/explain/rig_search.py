@@ -64,7 +64,7 @@ SEARCHED = 0.75
 def match_rig(task: MatchingTask, *, judging: bool) -> Finding:
     """The match of a task of a rig, searched without a prediction.
 
-    `Finding.converged` says whether each camera's search ended before its budget. ``judging``: see `assessed`.
+    `Finding.converged` says whether each camera's search ended before its budget. ``judging``: see `assess_image`.
     """
     bounded = LIMITS_OF_BOUNDED if task.search_camera is None else LIMITS_OF_FRAME
     model = make_detection_model(task)

@@ -150,7 +150,7 @@ def reported_assignment(told: TwoViewPosterior) -> Integers:
 
 
 def two_view_finding(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals) -> Finding:
-    """A finding with the assignment, its facts and its confidence as a posterior and `rivals_of` it tell them."""
+    """A finding with assignment, facts and confidence as a posterior and its `rival_labellings` tell them."""
     least = base.task.options.least_probability
     present = min(told.presences)
     facts = Facts(present=present, contested=True, min_probability=least, missed=missed)

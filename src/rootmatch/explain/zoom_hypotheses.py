@@ -46,7 +46,7 @@ class ZoomCandidate(Candidate):
 
     @staticmethod
     def make_model(task: MatchingTask) -> ZoomModel:
-        """See `Candidate.modelled`."""
+        """See `Candidate.make_model`."""
         problem, points = task.problem, task.points
         assert isinstance(problem, UP2PF)
         return ZoomModel.of(

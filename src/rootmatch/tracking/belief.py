@@ -28,7 +28,6 @@ from rootmatch.model.priors import IN_VIEW, PRESENT_ODDS, WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import average_pose
-from rootmatch.tracking.followed_motion import update_motion
 from rootmatch.tracking.followed_places import (
     LOOKED_AT,
     GonePlaces,
@@ -46,6 +45,7 @@ from rootmatch.tracking.followed_pose import (
     pool_place_weights,
     share_misfit_odds,
     unify_alike_moves,
+    update_motion,
 )
 from rootmatch.tracking.mistaken_identity import (
     FLOOR,

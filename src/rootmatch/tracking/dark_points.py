@@ -91,9 +91,10 @@ class DarkPoints:
         return found.lower_probability(chance * less, confidence)
 
     def take(self, found: Finding, time: float, log_back: float = 0.0) -> None:
-        """Learn from a frame, if the body is more probably in it than not; ``log_back``: see `Belief.returned`.
+        """Learn from a frame, if the body is more probably in it than not.
 
-        If it was not seen in the last frame, its matches are as probable as that it is in view now.
+        If it was not seen in the last frame, its matches are as probable as that it is in view now; ``log_back``: see
+        `Belief.presence_after_return`.
         """
         told, sure = found.posterior, found.confidence
         if told is None or sure is None or not len(told.probabilities):

@@ -25,7 +25,6 @@ from rootmatch.explain.image_decision import mode_pose
 from rootmatch.explain.likeness import align_points, likenesses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import body_radius
-from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.followed_body import FollowedBody
 from rootmatch.tracking.followed_pose import FollowedPose
 from rootmatch.tracking.in_plane import motion_in_space
@@ -74,7 +73,8 @@ def name_places(
             belief.poses = known or [FollowedPose(MotionFilter(belief.source, place, time, belief.motion))]
             taken.append(place)
         for belief in free.values():
-            _give_up_others(belief, taken, radius)
+            every = [(one, _current_pose(one.filter)) for one in belief.poses]
+            belief.poses = [one for one, at in every if not any(_is_same_place(at, there, radius) for there in taken)]
 
 
 def _places(found: Sequence[Finding], radius: float) -> Iterator[Pose]:
@@ -97,15 +97,6 @@ def _places(found: Sequence[Finding], radius: float) -> Iterator[Pose]:
         else:
             sums.append((chance, pose))
     return (pose for chance, pose in sorted(sums, key=lambda one: -one[0]) if chance >= least)
-
-
-def _give_up_others(belief: Belief, taken: Sequence[Pose], radius: float) -> None:
-    """Give up what other bodies of the group follow."""
-    belief.poses = [
-        one
-        for one in belief.poses
-        if not any(_is_same_place(_current_pose(one.filter), other, radius) for other in taken)
-    ]
 
 
 def _current_pose(followed: MotionFilter) -> Pose:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Hashable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -63,16 +64,6 @@ class Scale:
     chi2: float = NOISE_FREEDOM
     freedom: float = NOISE_FREEDOM
 
-    @classmethod
-    def stated_scale(cls) -> Scale:
-        """The scale as σ was stated."""
-        return cls(FREEDOM_OF_CHANGES)
-
-    @classmethod
-    def vague_scale(cls) -> Scale:
-        """A scale that is hardly known."""
-        return cls(FREEDOM_OF_CHANGES, VAGUE, VAGUE)
-
     @property
     def factor(self) -> float:
         """Of σ."""
@@ -89,6 +80,12 @@ class Scale:
         """Of the χ² of further residuals, but for what does not depend on those before."""
         a, b = 0.5 * self.freedom, 0.5 * (self.freedom + freedom)
         return math.lgamma(b) - math.lgamma(a) + a * math.log(self.chi2) - b * math.log(self.chi2 + chi2)
+
+
+stated_scale = partial(Scale, FREEDOM_OF_CHANGES)
+"""The scale of changes as σ was stated."""
+vague_scale = partial(stated_scale, VAGUE, VAGUE)
+"""One that is hardly known."""
 
 
 @dataclass(frozen=True)
@@ -128,13 +125,13 @@ class NoiseScale:
     """The factor on the stated σ that the frames so far suggest; at least 1."""
 
     residuals: Scale = field(default_factory=lambda: Scale(MOST_FREEDOM + NOISE_FREEDOM))
-    changes: Scale = field(default_factory=Scale.stated_scale)
+    changes: Scale = field(default_factory=stated_scale)
     is_stated: bool = True
     """Whether nothing says that the noise alone is more than it was stated to be."""
     fresh: float = 0.0
     every: float = 0.0
     """Variance of the residuals that changed in the last few frames, and all of it."""
-    new: Scale = field(default_factory=Scale.vague_scale)
+    new: Scale = field(default_factory=vague_scale)
     """Of the changes since the noise may have become another one."""
     log_new: float = LOG_CHANGED
     """Log-odds that it has (a test of Page, 1954)."""
@@ -202,7 +199,7 @@ class NoiseScale:
         quiet = found.status is Status.MATCHED and (found.noise_factor or 0.0) * factor < QUIET
         quiet &= not found.point_error
         if quiet and self.is_stated:  # as usual: nothing to compare
-            self.new, self.log_new, self.last[label] = Scale.vague_scale(), LOG_CHANGED, None
+            self.new, self.log_new, self.last[label] = vague_scale(), LOG_CHANGED, None
             return
         before, now = self.last.get(label), Residuals.about(found, factor)
         self.last[label] = now
@@ -229,13 +226,13 @@ class NoiseScale:
         self.new.take(chi2, freedom)
         if self.log_new > 0.0:
             seen = self.new.chi2 - VAGUE, self.new.freedom - VAGUE
-            self.is_stated = Scale.stated_scale().log_density(*seen) > Scale.vague_scale().log_density(*seen)
-            self.changes = Scale.stated_scale() if self.is_stated else self.new
-            self.new, self.log_new = Scale.vague_scale(), LOG_CHANGED
+            self.is_stated = stated_scale().log_density(*seen) > vague_scale().log_density(*seen)
+            self.changes = stated_scale() if self.is_stated else self.new
+            self.new, self.log_new = vague_scale(), LOG_CHANGED
         elif not self.is_stated:
             self.changes.take(chi2, freedom)
         if self.log_new < LOG_CHANGED:
-            self.new, self.log_new = Scale.vague_scale(), LOG_CHANGED
+            self.new, self.log_new = vague_scale(), LOG_CHANGED
 
 
 def is_frame_of_row(frame: int, every: int) -> bool:
