@@ -66,16 +66,8 @@ def log10_false_alarms(
     n, n_target = shape
     m = min(supported_points(score, problem.order, true_weight), float(n), float(n_target))
 
-    def log_factorial(x: float) -> float:
-        return math.lgamma(x + 1.0)
-
-    ways = (
-        log_factorial(n)
-        - log_factorial(m)
-        - log_factorial(n - m)
-        + log_factorial(n_target)
-        - log_factorial(n_target - m)
-    )
+    ways = math.lgamma(n + 1.0) - math.lgamma(m + 1.0) - math.lgamma(n - m + 1.0)
+    ways += math.lgamma(n_target + 1.0) - math.lgamma(n_target - m + 1.0)
     agreement = (m - problem.minimal) * math.log(min(max(chance, 1e-12), 1.0))
     return (ways + math.log(problem.degree) + agreement) / math.log(10.0)
 

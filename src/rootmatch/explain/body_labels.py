@@ -52,11 +52,8 @@ class BodyLabels:
 def check_bodies(labels: Any, source: Floats, least: int) -> BodyLabels:
     """Labels of source points (n, k), at least ``least`` of which belong to each body.
 
-    Raises
-    ------
-    InputError
-        If the labels are neither whole numbers nor strings, if there is not one for each point, if too few points share
-        one, or if two points of one body are the same.
+    Refused are labels that are neither whole numbers nor strings, or not one for each point, too few points that share
+    one, and two points of one body that are the same.
     """
     count = len(source)
     expected = f"give a whole number or a name for each of {count} source points"
@@ -94,12 +91,7 @@ def twin_points(first: Floats, second: Floats) -> Integers | None:
     """Index (n,) of the point of the second body (n, 3) for each of the first, if they are congruent or mirror images.
 
     Points correspond by their sorted distances to all others, and equal distances confirm it. None for bodies of
-    different shape: beyond `SAME_SHAPE` times the size of the first.
-
-    Raises
-    ------
-    OutOfTime
-        If the deadline in force passes.
+    different shape: beyond `SAME_SHAPE` times the size of the first. Raises `OutOfTime` at the deadline in force.
     """
     if len(first) != len(second):
         return None

@@ -68,14 +68,9 @@ def _name(given: Camera, mistake: Mistake, match: Any) -> Mistake:
 
 
 def _calibrate(unknowns: int, known: dict[tuple[int, float], Finding], given: MatchingTask) -> MatchingTask:
-    """The task with the camera that fits its matches.
+    """The task with the camera that fits its matches; raises `InputError` if too few points match with any.
 
     ``known``: what was found with the camera as given, by body and factor on σ, whatever is fitted to it.
-
-    Raises
-    ------
-    InputError
-        If too few points match with any camera.
     """
     task = given.without_priors()
     for k, body in enumerate(task.each_body):
@@ -136,10 +131,7 @@ def displaced_cameras(task: MatchingTask) -> Iterator[Mistake]:
 def _replace_camera(k: int, given: MatchingTask) -> MatchingTask:
     """The task with a camera where it and the others see the same body.
 
-    Raises
-    ------
-    InputError
-        If no body is told by the camera alone and by the others, or the camera is where it should be.
+    Raises `InputError` if no body is told by the camera alone and by the others, or it is where it should be.
     """
     task = given.without_priors()
     assert task.rig is not None

@@ -42,7 +42,7 @@ class Displaced(NamedTuple):
     """Their largest distance from where the point is expected, px; between point sets in units of the target."""
 
 
-def find_displaced_points(found: Finding, taken: Bools | None = None) -> list[Displaced]:
+def find_displaced_points(found: Finding, taken: Bools | None) -> list[Displaced]:
     """Points of a trusted body that are probably somewhere else; ``taken``: (n',) detections of other bodies."""
     model, told, problem = found.model, found.posterior, found.task.problem
     if found.status is Status.MATCHED and found.labellings is not None:
@@ -142,7 +142,7 @@ def _judge_displacement(model: DetectionModel, place: _Place, rows: Integers, fr
     return Displaced(int(rows[0]), detections, largest) if log_odds >= LEAST else None
 
 
-def point_advice(found: Finding, whole: Finding | None = None) -> str:
+def point_advice(found: Finding, whole: Finding | None) -> str:
     """What `find_displaced_points` finds, as a part of advice; empty if it finds nothing.
 
     ``whole``: of one of several bodies, the finding of all.

@@ -110,7 +110,7 @@ def add_missing_motions(
     """
     while asked == "auto" or len(np.unique(labels[labels >= 0])) < asked:
         missing = 0 if asked == "auto" else asked - len(np.unique(labels[labels >= 0]))
-        rest = search_rest(alone, solve, assignment, missing, budget)
+        rest = search_rest(alone, solve, assignment, missing, budget=budget)
         told = rest.told
         if told is not None and told.status is not Status.UNTRUSTED and (told.assignment >= 0).any():
             rest = rest._replace(label=int(labels.max(initial=-1)) + 1)
@@ -150,7 +150,8 @@ def search_rest(
     solve: Callable[[MatchingTask], Finding],
     assignment: Integers,
     missing: int = 0,
-    budget: int = QUICK,
+    *,
+    budget: int,
 ) -> Rest:
     """What the model of one motion finds among the points and detections that an assignment leaves."""
     points = np.flatnonzero(assignment < 0)

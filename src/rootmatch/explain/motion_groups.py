@@ -8,6 +8,7 @@ requested, the assignment is clustered afterwards: points that no hyper-edge joi
 from __future__ import annotations
 
 import math
+from itertools import permutations
 
 import numpy as np
 
@@ -47,10 +48,8 @@ def label_motions(assignment: Integers, tensor: AffinityTensor, motions: int | s
     rank_of[matched] = np.arange(len(matched))
     points = rank_of[inside.indices // tensor.shape[1]]
     together = np.zeros((len(matched), len(matched)))
-    for a in range(tensor.order):
-        for b in range(tensor.order):
-            if a != b:
-                np.add.at(together, (points[:, a], points[:, b]), weights)
+    for a, b in permutations(range(tensor.order), 2):
+        np.add.at(together, (points[:, a], points[:, b]), weights)
     distance = 1.0 / (1.0 + together / max(float(np.median(together.max(axis=1))), 1e-300))
     np.fill_diagonal(distance, 0.0)
     tree = linkage(squareform(distance, checks=False), method="average")

@@ -119,7 +119,7 @@ def _round_task(task: MatchingTask, sigma: float) -> MatchingTask:
     return replace(task.with_noise(sigma), deadline=task.deadline.part(ROUND))
 
 
-def estimate_noise(match: Finding, sigma: float, known: Sequence[Integers] = ()) -> float:
+def estimate_noise(match: Finding, sigma: float, known: Sequence[Integers]) -> float:
     """σ from the residuals inside an assignment that was found with ``sigma``; NaN if there are too few.
 
     ``known``: what was found at other σ, and may be right in its place.

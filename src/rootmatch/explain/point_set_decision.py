@@ -220,18 +220,13 @@ def assess_labellings(
 
 
 def point_set_finding(
-    base: Finding, found: PointSetPosterior, model: PointSetModel, taken: Bools | None = None, *, asked: bool = True
+    base: Finding, found: PointSetPosterior, model: PointSetModel, taken: Bools | None = None, *, asked: bool
 ) -> Finding:
     """A finding with the assignment, facts and confidence that a posterior gives.
 
-    Parameters
-    ----------
-    base : Finding
-        Of the same task, with what its search may have missed.
-    taken : (n',) bool array, optional
-        Targets of other bodies: the result is a labelling without any of them, or nothing.
-    asked : bool
-        Whether it was asked if something else that goes on by the body's law explains as much.
+    ``base``: of the same task, with what its search may have missed. ``taken``: (n',) targets of other bodies, of which
+    the labelling that is told has none. ``asked``: whether it was asked if something else that goes on by the body's
+    law explains as much.
     """
     task, present, n = base.task, found.present, len(model.clouds.source)
     least = task.options.least_probability

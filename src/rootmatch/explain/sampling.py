@@ -54,10 +54,7 @@ MOST_MORE = 3
 def sample(task: MatchingTask) -> SampledTensor:
     """The tensor of the hyper-edges that are evaluated, source points in the caller's order.
 
-    Raises
-    ------
-    InputError
-        If there are too many, or options do not go together or are not available.
+    Raises `InputError` if there are too many, or options do not go together or are not available.
     """
     try:
         with task.deadline.part(SAMPLED, RESERVE).enforce():

@@ -123,11 +123,7 @@ class MatchingTask:
         """The task of arguments as `rootmatch.match` takes them; ``bodies`` may be checked already.
 
         ``told``: the deadline, and what else a tracker knows, by the names of the attributes.
-
-        Raises
-        ------
-        InputError
-            If the input cannot be used; the text says what to do.
+        Raises `InputError` if the input cannot be used; the text says what to do.
         """
         check_problem(problem)
         options = options or MatchOptions()

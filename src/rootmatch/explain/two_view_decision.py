@@ -103,7 +103,7 @@ def assess_two_views(
     return replace(found, named=named) if sampled.repeated else found
 
 
-def rival_labellings(model: TwoViewModel, told: TwoViewPosterior, named: Integers, seed: int = 0) -> Rivals:
+def rival_labellings(model: TwoViewModel, told: TwoViewPosterior, named: Integers, seed: int) -> Rivals:
     """Labellings (K, n) that may be right and not the one reported, a period away or half a turn, and their odds (K,).
 
     Of what a search named (M, n), those that have little in common with it, and it displaced along the scene. If the

@@ -99,8 +99,7 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
     def posed(**changes: Any) -> Change:
         return make_change(problem=replace(problem, **changes))  # type: ignore[type-var]
 
-    names = [name for name in ("camera", "camera2") if getattr(problem, name, None) is not None]
-    cameras = {name: getattr(problem, name) for name in names}
+    cameras = {name: one for name in ("camera", "camera2") if (one := getattr(problem, name, None)) is not None}
 
     def filmed(change: Callable[[Camera], Camera]) -> Change:
         return posed(**{name: _change_camera(camera, change) for name, camera in cameras.items()})

@@ -165,10 +165,7 @@ def check_callable(name: str, value: Any, purpose: str) -> None:
 def allow_for_calibration(problem: Problem, points: PointSets) -> tuple[PointSets, Floats | None]:
     """Points with the errors of a calibration in their noise, and that part (n',) of it; None if it is exact.
 
-    Raises
-    ------
-    InputError
-        If the problem takes no account of such errors.
+    Raises `InputError` if the problem takes no account of such errors.
     """
     if not any(getattr(getattr(problem, name, None), "is_uncertain", False) for name in ("camera", "camera2")):
         return points, None

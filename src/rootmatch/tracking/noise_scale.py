@@ -1,4 +1,4 @@
-"""The noise of a sequence: how much larger its residuals are than the σ that was stated.
+"""The noise of a sequence: how much larger its residuals are than the σ that was stated, and whether points are off.
 
 A calibration that is off by a pixel is so in every frame, so what one frame tells of σ is the prior of the next one:
 the inverse gamma distribution of the variances' factor s², of which the model of an image integrates the rest.
@@ -6,6 +6,9 @@ the inverse gamma distribution of the variances' factor s², of which the model 
 Residuals that are too large may be those of something else, a reflection or another model of a controller. These stay
 the same from one frame to the next one, where those of noise are drawn anew: how much they change tells s² of the noise
 alone, whatever is followed. It is taken in also of frames that fit with `MOST_OF_CHANGES` times the noise only.
+
+Or they are those of points that are off, though no noise of them was stated: these stay as well. Once that is certain,
+the points have a noise as if it had been stated.
 """
 
 from __future__ import annotations
@@ -23,8 +26,11 @@ from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import MOST_INFLATION
+from rootmatch.explain.inexact_points import error_gains
 from rootmatch.model.evidence import normalised_deviations
+from rootmatch.model.image_alike import OWN
 from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL
+from rootmatch.tracking.mistaken_identity import TEMPER
 
 Findings = Mapping[Label | None, Finding]
 
@@ -54,6 +60,10 @@ QUIET = 1.2
 a larger one in one of six."""
 FEW = 4
 """Points, least, whose residuals are compared: of fewer, a pose leaves nothing."""
+LEAST = 8.0 * math.log(WRONG_MODEL)
+"""Log-odds from which frames are not asked any more: points stay as they are."""
+FRAME = -0.5 * math.log(WRONG_MODEL)
+"""Log-odds that one frame adds at most."""
 
 
 @dataclass
@@ -259,3 +269,38 @@ def _residual_variance(residuals: Floats) -> float:
     squared = (residuals**2).sum(axis=1)
     usual = median(squared) / math.log(2.0)  # twice the variance
     return float(np.minimum(squared, MOST_OF_MEAN * usual).mean()) / 2.0
+
+
+@dataclass
+class InexactPoints:
+    """Whether the points of a followed body are off."""
+
+    log_odds: tuple[float, ...] = (0.0,) * OWN
+    """By the fit of the frames so far; see `MatchingTask.log_inexact`."""
+    log_stay: float = math.log(WRONG_MODEL)
+    """That residuals which are too large stay the same (a test of Page, 1954)."""
+    error: float | None = None
+    """Standard deviation of a coordinate, once it is certain."""
+
+    def take(self, found: Finding | None, stays: float | None) -> None:
+        """Learn from a frame of a single body.
+
+        ``stays``: log-odds, by the residuals of this frame and those of the one before, that they stay.
+        """
+        if found is None or found.status is not Status.MATCHED or self.error is not None:
+            return
+        if found.labellings is None and (found.model is None or len(found.model.images) > 1):
+            return
+        if not found.point_error and found.task.points.source_covariance is not None:
+            return
+        if not found.point_error:
+            if self.log_odds[-1] > LEAST and found.noise_dof and found.noise_factor is not None:
+                gains = [min(max(TEMPER * gain, -FRAME), FRAME) for gain in error_gains(found).tolist()]
+                told = [one + gain for one, gain in zip(self.log_odds, gains, strict=True)]
+                self.log_odds = tuple(min(max(one, LEAST), 0.0) for one in told)
+            return
+        self.log_odds = tuple(min(one + FRAME, 0.0) for one in self.log_odds)
+        if stays is not None:
+            self.log_stay = max(self.log_stay + min(max(stays, -FRAME), FRAME), math.log(WRONG_MODEL))
+        if self.log_stay > 0.0:
+            self.error = found.point_error

@@ -33,8 +33,7 @@ from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
 from rootmatch.tracking import identical_bodies, search_schedule
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
-from rootmatch.tracking.inexact_points import InexactPoints
-from rootmatch.tracking.noise_scale import NoiseScale, is_frame_of_row, scale_noise_by
+from rootmatch.tracking.noise_scale import InexactPoints, NoiseScale, is_frame_of_row, scale_noise_by
 from rootmatch.tracking.turns import Turns
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
