@@ -162,7 +162,7 @@ def test_what_is_searched_again() -> None:
     shape = body(1)
     target, (expected,), _ = image([shape], 3.0, clutter=4, seed=6)
     task = MatchingTask.of(rm.P3P(CAMERA), shape, target, noise=0.3, bodies=[0] * 7)
-    found = replace(explain(task.body(0)), others=[], scores=None)
+    found = replace(explain(task.each_body[0]), others=[], scores=None)
     free = np.ones(len(target), np.bool_)
     clutter, own = free.copy(), free.copy()
     clutter[np.setdiff1d(np.arange(len(target)), expected)[0]] = False  # another body has taken that detection
@@ -191,7 +191,7 @@ def test_of_two_bodies_that_are_not_sure_the_likelier_keeps_the_detections() -> 
     first, second = body(1), body(2)
     target, (expected, other), _ = image([first, second], 3.0, clutter=2, seed=5)
     task = MatchingTask.of(rm.P3P(CAMERA), np.concatenate([first, second]), target, noise=0.3, bodies=[0] * 7 + [1] * 7)
-    right, own = (explain(task.body(k)) for k in range(2))
+    right, own = (explain(task.each_body[k]) for k in range(2))
     assert np.array_equal(right.assignment, expected)
     stolen = replace(judged(own, rm.Status.MATCHED, 0.93), assignment=np.append(expected[:6], -1), log_odds=1.0)
     ambiguous = judged(right, rm.Status.AMBIGUOUS, 0.55)

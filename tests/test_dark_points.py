@@ -63,10 +63,10 @@ def finding(assignment: list[int], confidence: list[float], probability: float =
     unmatched = np.where(np.array(assignment) < 0, confidence, 1.0 - np.array(confidence))
     modes = SimpleNamespace(visible=np.ones((1, 3)), assignments=np.array([assignment]), unmatched=unmatched[None])
     told = SimpleNamespace(probabilities=np.ones(1), clutter=0.001, modes=modes, unmatched=unmatched)
-    options = SimpleNamespace(detection_rate=0.9)
+    options, model = SimpleNamespace(detection_rate=0.9), SimpleNamespace(images=())
     return SimpleNamespace(
         assignment=np.array(assignment), confidence=np.array(confidence), posterior=told, probability=probability,
-        task=SimpleNamespace(options=options), model=SimpleNamespace(images=()), mode=0,
+        task=SimpleNamespace(options=options), model=model, judged=(told, model), mode=0,
     )  # fmt: skip
 
 

@@ -172,7 +172,7 @@ def test_congruent_bodies_are_compared_until_the_deadline() -> None:
     first = rng.uniform(-1.0, 1.0, (12, 3))
     order = rng.permutation(12)
     second = (first @ Rotation.random(random_state=7).as_matrix().T)[order]
-    body_labels._twin_points.cache_clear()  # of another test
+    body_labels.twin_points.cache_clear()  # of another test
     with Deadline(6.5, clock=Clock(1.0)).enforce(), pytest.raises(OutOfTime):
         body_labels.twin_points(first, second)  # in the midst of the rows
     late = Deadline(0.9 * SECONDS_PER_STEP * 12**3, clock=Clock())

@@ -18,7 +18,7 @@ import rootmatch as rm
 from rig_scenes import four_about
 from rootmatch.cli import app
 from rootmatch.deadline import Deadline
-from rootmatch.explain import displaced_cameras, kept_searches
+from rootmatch.explain import calibration_mistakes, sampling
 from rootmatch.explain.mistake import scale_noise
 from rootmatch.explain.usual_mistakes import usual_mistakes
 
@@ -186,8 +186,8 @@ def test_what_a_camera_shows_by_itself_is_searched_once(monkeypatch: pytest.Monk
     views = [(CAMERA, np.eye(3), np.zeros(3)), (CAMERA, turn, np.array([-0.3, 0.0, 0.0]))]
     pixels = rng.uniform(0.0, 900.0, (24, 2)), np.repeat([0, 1], 12)
     match = rm.match(rng.uniform(-0.2, 0.2, (8, 3)), pixels, rm.P3P(rm.Rig(views)), noise=0.3)
-    search = kept_searches.sample
-    monkeypatch.setattr(kept_searches, "sample", lambda task: searched.append("") or search(task))
+    search = sampling.sample
+    monkeypatch.setattr(sampling, "sample", lambda task: searched.append("") or search(task))
     diagnosis = match.diagnose(SECONDS)
     about_places = [one.mistake for one in diagnosis.trials if "rig" in one.mistake or "exchanged" in one.mistake]
     assert len(about_places) > 8
@@ -210,8 +210,8 @@ def test_a_camera_that_was_knocked_is_named(knocked: int | None, monkeypatch: py
         points, target, rm.P3P(rm.Rig([(CAMERA, R, t) for R, t in places])), noise=0.3, max_seconds=SECONDS
     )
     match.task.deadline.ends = 0.0  # long ago
-    bounds, explain = list[Deadline](), displaced_cameras.explain
-    monkeypatch.setattr(displaced_cameras, "explain", lambda task: bounds.append(task.deadline) or explain(task))
+    bounds, explain = list[Deadline](), calibration_mistakes.explain
+    monkeypatch.setattr(calibration_mistakes, "explain", lambda task: bounds.append(task.deadline) or explain(task))
     named = [one.mistake for one in match.diagnose(SECONDS).fits if one.mistake.startswith("camera ")]
     assert bounds
     assert all(bound.is_set and bound.seconds < SECONDS / 3 for bound in bounds), "no trial takes the time of others"

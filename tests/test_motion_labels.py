@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rootmatch.explain.motion_labels import label_motions
+from rootmatch.explain.motion_groups import label_motions
 from rootmatch.hypergraph.tensor import AffinityTensor
 
 

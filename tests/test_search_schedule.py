@@ -21,13 +21,13 @@ from rootmatch.frozen import copy_with
 from rootmatch.model.proposals import Proposals
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.tracking.followed_body import FollowedBody
-from rootmatch.tracking.narrowed_predictions import NarrowedPredictions
+from rootmatch.tracking.followed_pose import NarrowedPredictions
 from rootmatch.tracking.search_schedule import (
     AMONG_ALL,
     LATELY,
-    RepeatedSearch,
     bodies_found_lately,
     bodies_tried,
+    reorder_draws,
     unmet_chance,
 )
 from rootmatch.tracking.tracker import TRACKING
@@ -116,15 +116,9 @@ def test_a_map_is_followed_from_the_second_frame_on(seed: int) -> None:
 
 
 def test_a_search_that_was_cut_short_is_not_repeated_as_it_was() -> None:
-    search, options = RepeatedSearch(), MatchOptions(seed=3)
-    assert search.reorder_draws(options) is options
-    for k in range(1, 4):
-        search.take(found=False, cut=True)
-        assert search.reorder_draws(options).seed == 3 + k
-    search.take(found=False, cut=False)  # nothing was left to search
-    assert search.failures == 3
-    search.take(found=True, cut=True)
-    assert search.reorder_draws(options) is options
+    options = MatchOptions(seed=3)
+    assert reorder_draws(options, 0) is options
+    assert [reorder_draws(options, k).seed for k in range(1, 4)] == [4, 5, 6]
 
 
 def test_a_search_that_max_seconds_ends_counts_as_cut_short() -> None:
@@ -133,7 +127,7 @@ def test_a_search_that_max_seconds_ends_counts_as_cut_short() -> None:
     tracker = rm.Tracker(every, rm.P3P(CAMERA), noise=0.3)
     for k in range(3):
         tracker.update(rng.uniform(0.0, 900.0, (20, 2)), time=0.1 * k, max_seconds=1e-4)
-    assert tracker._search.failures == 3
+    assert tracker._cut == 3
 
 
 def test_the_rays_of_a_frame_are_worked_out_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,7 @@ from rootmatch.deadline import Deadline, OutOfTime
 from rootmatch.model.clutter import PIECE, SCALES, estimate_clutter
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.tracking import belief
-from rootmatch.tracking.followed_places import LastFrame, log_absence, overlooked_chance
+from rootmatch.tracking.followed_places import log_absence, overlooked_chance
 from test_deadline import Clock
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -123,10 +123,10 @@ def test_a_body_that_jumps_is_ambiguous_if_another_may_have_been_there_and_the_a
 def test_what_the_last_frame_had_no_room_for_was_not_in_view() -> None:
     """Then neither the body nor a copy was there, and either has come since."""
     step = 1.0 / 60.0
-    empty = LastFrame(step, 0.0)
-    assert log_absence(1.0, step, math.inf, empty) == pytest.approx(0.0, abs=0.3)
-    assert log_absence(0.5, 1.0, math.inf, empty) == pytest.approx(log_absence(1.0, step, math.inf, empty))
-    assert log_absence(0.5, 1.0, math.inf, LastFrame(step, 1.0)) == pytest.approx(log_absence(0.5, 1.0, math.inf))
+    empty = {"ago": step, "overlooked": 0.0}
+    assert log_absence(1.0, step, math.inf, **empty) == pytest.approx(0.0, abs=0.3)
+    assert log_absence(0.5, 1.0, math.inf, **empty) == pytest.approx(log_absence(1.0, step, math.inf, **empty))
+    assert log_absence(0.5, 1.0, math.inf, ago=step) == pytest.approx(log_absence(0.5, 1.0, math.inf))
 
 
 def test_how_much_is_overlooked_follows_from_the_rate_of_detection() -> None:

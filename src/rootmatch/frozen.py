@@ -25,7 +25,7 @@ def copy_with(value: Value, **fields: Any) -> Value:
 
 
 def amend(value: Value, *lost: str, **fields: Any) -> Value:
-    """As `copied`, with what was worked out once, but for what is ``lost``: all that depends on the changed fields."""
+    """As `copy_with`, with what was worked out once but for what is ``lost``: all that depends on changed fields."""
     out = object.__new__(type(value))
     after = out.__dict__
     after |= value.__dict__

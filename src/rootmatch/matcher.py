@@ -17,14 +17,13 @@ from rootmatch.backends import selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import UnseenPixelError
+from rootmatch.explain.bodies import Choice
 from rootmatch.explain.body_findings import find_no_body
 from rootmatch.explain.body_labels import Label, check_bodies
 from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.match_options import MatchOptions, SamplerName
-from rootmatch.explain.prior_validation import Prior
-from rootmatch.explain.rivals import NONE, Rivals
-from rootmatch.explain.search_part import Choice
+from rootmatch.explain.prior_validation import NONE, Prior, Rivals
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_problem
 from rootmatch.hypergraph.affinity import Residual

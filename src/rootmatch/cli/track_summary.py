@@ -81,7 +81,7 @@ class TrackSummary:
 
     def _slow_frames(self) -> Iterator[str]:
         """A warning if frames are seconds apart: their numbers, or times, are probably milliseconds."""
-        from rootmatch.tracking.frame_steps import SLOW
+        from rootmatch.tracking.search_schedule import SLOW
 
         if len(self._times) < 2:
             return

@@ -6,7 +6,6 @@ That is so with several motions before each is judged, for problems of one's own
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,8 +14,7 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import Deadline, OutOfTime, Pace
 from rootmatch.explain.decide import TRUST, Facts
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.motion_labels import label_motions
-from rootmatch.explain.multi_motion import log10_false_alarms_of_groups
+from rootmatch.explain.motion_groups import label_motions, log10_false_alarms_of_groups
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin
@@ -68,61 +66,49 @@ def log10_false_alarms(
     n, n_target = shape
     m = min(supported_points(score, problem.order, true_weight), float(n), float(n_target))
 
-    def log_factorial(x: float) -> float:
-        return math.lgamma(x + 1.0)
-
-    ways = (
-        log_factorial(n)
-        - log_factorial(m)
-        - log_factorial(n - m)
-        + log_factorial(n_target)
-        - log_factorial(n_target - m)
-    )
+    ways = math.lgamma(n + 1.0) - math.lgamma(m + 1.0) - math.lgamma(n - m + 1.0)
+    ways += math.lgamma(n_target + 1.0) - math.lgamma(n_target - m + 1.0)
     agreement = (m - problem.minimal) * math.log(min(max(chance, 1e-12), 1.0))
     return (ways + math.log(problem.degree) + agreement) / math.log(10.0)
 
 
 def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding:
-    """A solution without unsupported points, and whether to trust it.
+    """A solution without unsupported points, and whether to trust it; if there is no time for that, it is untrusted.
 
-    If there is no time for that, it is untrusted.
+    The score of groups of one motion each is the evidence of their packing.
     """
+    told, labels = solution, None
     try:
-        return _assess(task, solution, sampled)
+        if task.options.packs_motions:
+            alarms, lead = log10_false_alarms_of_groups(solution, task.shape), solution.statistics.get("lead", 0.0)
+            facts = Facts(support=solution.score, false_alarms=alarms, lead=lead)
+        else:
+            if not task.options.is_paper:
+                kept = drop_weak_points(solution.assignment, solution.alternatives, sampled.tensor, task.deadline)
+                solution = replace(solution, assignment=kept[0], score=kept[1], alternatives=kept[2])
+            tensor, every = sampled.tensor, [solution.assignment, *(other for other, _ in solution.alternatives)]
+            # prior weights do not say whether the points agree
+            alone = AffinityTensor.unchecked(tensor.indices, tensor.weights, tensor.shape)
+            scores = [float(value) for value in score_assignments(alone, np.array(every))]
+            lead = margin(solution.score, solution.alternatives, solution.assignment)
+            alarms = expected_false_alarms(task, scores[0], scores, sampled)
+            facts = Facts(support=scores[0], false_alarms=alarms, lead=lead, missed=sampled.missed)
+        labels = solution.groups
+        if labels is None:
+            labels = label_motions(solution.assignment, sampled.tensor, task.options.motions)
+        told = solution
     except OutOfTime:
-        return _finding(task, solution, sampled, Facts(confirmed=False, lead=solution.margin))
-
-
-def _assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding:
-    """See `assess`; the score of groups of one motion each is the evidence of their packing."""
-    if task.options.packs_motions:
-        alarms, lead = log10_false_alarms_of_groups(solution, task.shape), solution.statistics.get("lead", 0.0)
-        facts = Facts(support=solution.score, false_alarms=alarms, lead=lead)
-    else:
-        if not task.options.is_paper:
-            kept = drop_weak_points(solution.assignment, solution.alternatives, sampled.tensor, task.deadline)
-            solution = replace(solution, assignment=kept[0], score=kept[1], alternatives=kept[2])
-        scores = agreement_scores(sampled.tensor, [solution.assignment, *(other for other, _ in solution.alternatives)])
-        lead = margin(solution.score, solution.alternatives, solution.assignment)
-        alarms = expected_false_alarms(task, scores[0], scores, sampled)
-        facts = Facts(support=scores[0], false_alarms=alarms, lead=lead, missed=sampled.missed)
-    labels = solution.groups
-    if labels is None:
-        labels = label_motions(solution.assignment, sampled.tensor, task.options.motions)
-    return replace(_finding(task, solution, sampled, facts), labels=labels)
-
-
-def _finding(task: MatchingTask, solution: Solution, sampled: SampledTensor, facts: Facts) -> Finding:
-    """The finding of a solution."""
+        facts = Facts(confirmed=False, lead=told.margin)
     return Finding(
         task=task,
-        assignment=solution.assignment,
-        others=[other for other, _ in solution.alternatives],
+        assignment=told.assignment,
+        others=[other for other, _ in told.alternatives],
         facts=facts,
         tensor=sampled.tensor,
-        scores=[solution.score, *(value for _, value in solution.alternatives)],
-        soft=solution.soft,
-        converged=solution.converged,
+        scores=[told.score, *(value for _, value in told.alternatives)],
+        soft=told.soft,
+        labels=labels,
+        converged=told.converged,
         evaluated=sampled.evaluated,
     )
 
@@ -145,12 +131,6 @@ def expected_false_alarms(task: MatchingTask, score: float, known: list[float], 
     return log10_false_alarms(
         problem, tensor.shape, score=score / max(share, 1e-300), true_weight=true_weight, chance=random / true_weight
     )
-
-
-def agreement_scores(tensor: AffinityTensor, assignments: Sequence[Integers]) -> list[float]:
-    """Scores of assignments by hyper-edges alone, because prior weights do not say whether the points agree."""
-    alone = AffinityTensor.unchecked(tensor.indices, tensor.weights, tensor.shape)
-    return [float(value) for value in score_assignments(alone, np.array(assignments))]
 
 
 def drop_weak_points(

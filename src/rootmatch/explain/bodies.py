@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from rootmatch.explain.decide import MIN_PROBABILITY, Status
 from rootmatch.explain.finding import Finding, make_empty_finding
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
+from rootmatch.model.posterior import Posterior
+from rootmatch.model.prediction import COMPLETE
 from rootmatch.samplers.guided.sampler import pays
 
 Solve = Callable[[MatchingTask], Finding]
@@ -48,6 +50,37 @@ LISTED = 5
 value."""
 ORDER = (Status.MATCHED, Status.AMBIGUOUS, Status.UNTRUSTED)
 """Statuses in the order in which uncertain bodies get their detections."""
+
+
+class SearchPart(NamedTuple):
+    """The part of a search that one frame takes."""
+
+    body: int
+    camera: int | None = None
+    """Of a rig; None for one image. A single body is searched for in all."""
+    rest: bool = False
+    """Whether among those detections only that its prediction leaves."""
+    share: float = 1.0
+    """Share of its budget that it may take."""
+    tried: tuple[int, ...] = ()
+    """Other bodies on whose detections this one was tried before; what they certainly have is left out."""
+
+    def of(self, task: MatchingTask) -> MatchingTask:
+        """The part of a task."""
+        budget = None if task.budget is None else round(self.share * task.budget)
+        return copy_with(task, search_camera=self.camera, budget=budget)
+
+
+Choice = Callable[[Finding], SearchPart | None]
+"""Says what to search, None for nothing, given the finding about predicted poses."""
+
+
+def is_mostly_shown(told: Posterior, mode: int = 0) -> bool:
+    """Whether a body has detections for most of the points that are visible in one of its poses."""
+    if len(told.probabilities) <= mode:
+        return False
+    matched = np.count_nonzero(told.modes.assignments[mode] >= 0)
+    return bool(matched >= COMPLETE * float(told.modes.visible[mode].sum()))
 
 
 @dataclass(eq=False, kw_only=True)
@@ -120,16 +153,7 @@ def why_unsearched(part: MatchingTask) -> str:
 
 def match_bodies(task: MatchingTask, solve: Solve) -> Finding:
     """The match of a task whose source points are of several bodies; ``solve`` matches one of them."""
-    assert task.bodies is not None
-    parts = [task.body(k) for k in range(len(task.bodies.names))]
-    bodies = [_Body(number=k, task=own, found=make_empty_finding(own, LATE)) for k, own in enumerate(parts)]
-    with suppress(OutOfTime):
-        _match_each(task, bodies, solve)
-    return join_findings(task, [body.found for body in bodies], sum(body.evaluated for body in bodies))
-
-
-def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
-    """Match each of the bodies."""
+    bodies = [_Body(number=k, task=own, found=make_empty_finding(own, LATE)) for k, own in enumerate(task.each_body)]
     free = np.ones(task.shape[1], np.bool_)
 
     def search(body: _Body, budget: int) -> None:
@@ -138,8 +162,10 @@ def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
             body.settled = True
             free[body.detections] = False
 
-    search_rounds(task, bodies, lambda body, budget: body.is_worth_searching(free, budget), search)
-    _make_exclusive(task, bodies, free, solve, search_budgets(task)[-1])
+    with suppress(OutOfTime):
+        search_rounds(task, bodies, lambda body, budget: body.is_worth_searching(free, budget), search)
+        _make_exclusive(task, bodies, free, solve, search_budgets(task)[-1])
+    return join_findings(task, [body.found for body in bodies], sum(body.evaluated for body in bodies))
 
 
 def search_budgets(task: MatchingTask) -> list[int]:
@@ -151,7 +177,7 @@ def search_budgets(task: MatchingTask) -> list[int]:
 def search_order(task: MatchingTask, bodies: Sequence[Body]) -> Sequence[Body]:
     """Bodies in the order in which they are looked for: with limited time, another one first after a frame cut short.
 
-    Its seed is another one, too: see `rootmatch.tracking.search_schedule.RepeatedSearch`.
+    Its seed is another one, too: see `rootmatch.tracking.search_schedule.reorder_draws`.
     """
     first = task.options.seed % len(bodies) if task.deadline.is_set else 0
     return [*bodies[first:], *bodies[:first]]
@@ -182,7 +208,7 @@ def search_body_among(
 
     A sampler that the caller gave has a budget of its own, or none.
     """
-    part = task.body(number)
+    part = task.each_body[number]
     if task.deadline.passed():
         return make_empty_finding(part, LATE), False
     part = copy_with(part, deadline=task.deadline.part(BODY if task.budget is None else BODY_OF_FRAME))

@@ -42,7 +42,8 @@ def find_no_body(task: MatchingTask, reason: str) -> Finding:
     nothing = make_empty_finding(task, reason)
     if task.bodies is None:
         return nothing
-    parts = {label: make_empty_finding(task.body(k), reason) for k, label in enumerate(task.bodies.names)}
+    each = zip(task.bodies.names, task.each_body, strict=True)
+    parts = {label: make_empty_finding(part, reason) for label, part in each}
     return copy_with(nothing, parts=parts)
 
 

@@ -52,11 +52,8 @@ class BodyLabels:
 def check_bodies(labels: Any, source: Floats, least: int) -> BodyLabels:
     """Labels of source points (n, k), at least ``least`` of which belong to each body.
 
-    Raises
-    ------
-    InputError
-        If the labels are neither whole numbers nor strings, if there is not one for each point, if too few points share
-        one, or if two points of one body are the same.
+    Refused are labels that are neither whole numbers nor strings, or not one for each point, too few points that share
+    one, and two points of one body that are the same.
     """
     count = len(source)
     expected = f"give a whole number or a name for each of {count} source points"
@@ -88,38 +85,16 @@ def check_bodies(labels: Any, source: Floats, least: int) -> BodyLabels:
     return BodyLabels(names, index)
 
 
+@cache_by_identity(64)
+@cache_by_values(64)
 def twin_points(first: Floats, second: Floats) -> Integers | None:
     """Index (n,) of the point of the second body (n, 3) for each of the first, if they are congruent or mirror images.
 
     Points correspond by their sorted distances to all others, and equal distances confirm it. None for bodies of
-    different shape: beyond `SAME_SHAPE` times the size of the first.
-
-    Raises
-    ------
-    OutOfTime
-        If the deadline in force passes.
+    different shape: beyond `SAME_SHAPE` times the size of the first. Raises `OutOfTime` at the deadline in force.
     """
     if len(first) != len(second):
         return None
-    found = _twin_points(first, second)
-    return None if found is None else found.copy()
-
-
-def is_same_body(first: Floats, second: Floats) -> bool:
-    """Whether the points of one body (n, k) are those of another one in another pose, and no mirror image."""
-    if first is second:
-        return True
-    if (order := twin_points(first, second)) is None:
-        return False
-    second = second[order]
-    left, sizes, right = np.linalg.svd((first - first.mean(axis=0)).T @ (second - second.mean(axis=0)))
-    return bool(np.linalg.det(left @ right) > 0.0 or sizes[-1] <= SAME_SHAPE * sizes[0])
-
-
-@cache_by_identity(64)
-@cache_by_values(64)
-def _twin_points(first: Floats, second: Floats) -> Integers | None:
-    """`twin_points` of bodies of as many points."""
     one, two = distances(first), distances(second)
     most = SAME_SHAPE * float(one.max())
     if np.abs(np.sort(one, axis=None) - np.sort(two, axis=None)).max() > most:
@@ -137,3 +112,14 @@ def _twin_points(first: Floats, second: Floats) -> Integers | None:
     checkpoint(SECONDS_PER_STEP * cost.size * len(cost))
     _, order = linear_sum_assignment(cost)
     return np.asarray(order, np.int64) if np.abs(one - two[np.ix_(order, order)]).max() <= most else None
+
+
+def is_same_body(first: Floats, second: Floats) -> bool:
+    """Whether the points of one body (n, k) are those of another one in another pose, and no mirror image."""
+    if first is second:
+        return True
+    if (order := twin_points(first, second)) is None:
+        return False
+    second = second[order]
+    left, sizes, right = np.linalg.svd((first - first.mean(axis=0)).T @ (second - second.mean(axis=0)))
+    return bool(np.linalg.det(left @ right) > 0.0 or sizes[-1] <= SAME_SHAPE * sizes[0])

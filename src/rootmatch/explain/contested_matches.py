@@ -38,10 +38,6 @@ class Claims(NamedTuple):
     own: int
     """Number of its own matches."""
 
-    def rows(self, label: int) -> Floats:
-        """Point, detection, gain and label (m, 4) of each claim."""
-        return np.column_stack([self.points, self.detections, self.gains, np.full(len(self.points), label)])
-
 
 class SharedOut(NamedTuple):
     """What each motion has, where several claim the same."""
@@ -135,8 +131,8 @@ def allot_claims(claims: dict[int, Claims], n: int, n_target: int) -> SharedOut:
     the sum over all ways to share out, each with the product of the odds of its claims, in the place of those in which
     each motion has what is its own or nobody's: what is doubtful among these, its own model tells.
     """
-    i, j, gain, label = np.concatenate([one.rows(label) for label, one in claims.items()]).T
-    i, j, label = i.astype(np.int64), j.astype(np.int64), label.astype(np.int64)
+    i, j, gain = (np.concatenate(each) for each in list(zip(*claims.values(), strict=True))[:3])
+    label = np.repeat([*claims], [len(one.points) for one in claims.values()])
     total = min(sum(one.own for one in claims.values()), n, n_target)
     for which, one in claims.items():
         missed = (total + 1.0) / (n - total + 1.0) * (n - one.own + 1.0) / (one.own + 1.0)

@@ -24,7 +24,6 @@ from rootmatch.model.copy_or_alike import LOG_OFF
 from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
 from rootmatch.model.image_alike import ERRORS, REACH
 from rootmatch.model.linearised import Linearised
-from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.prediction import HIDDEN
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
@@ -43,7 +42,7 @@ class Displaced(NamedTuple):
     """Their largest distance from where the point is expected, px; between point sets in units of the target."""
 
 
-def find_displaced_points(found: Finding, taken: Bools | None = None) -> list[Displaced]:
+def find_displaced_points(found: Finding, taken: Bools | None) -> list[Displaced]:
     """Points of a trusted body that are probably somewhere else; ``taken``: (n',) detections of other bodies."""
     model, told, problem = found.model, found.posterior, found.task.problem
     if found.status is Status.MATCHED and found.labellings is not None:
@@ -80,15 +79,11 @@ def _find_displaced_in_set(found: Finding, taken: Bools | None) -> list[Displace
     apart = squared > float(chi2.isf(TRUST.noise_chance, model.clouds.target.shape[1]))
     for point in np.flatnonzero((assignment < 0) & near & apart):
         own = np.where(np.arange(n) == point, nearest, assignment)
-        odds = [_log_odds(model, own, np.where(np.arange(n) == point, error, 0.0)) for error in errors]
+        clouds = [model.clouds.off_by(np.where(np.arange(n) == point, error, 0.0)) for error in errors]
+        odds = [float(replace(model, clouds=one_off).judged(own[None]).log_odds[0]) for one_off in clouds]
         if LOG_OFF - math.log(n) + float(np.logaddexp.reduce(odds)) - float(one.log_odds[0]) >= LEAST:
             out.append(Displaced(int(point), nearest[point : point + 1], float(away[point].min())))
     return out
-
-
-def _log_odds(model: PointSetModel, assignment: Integers, errors: Floats) -> float:
-    """Log-odds of a labelling (n,) of points that are off by so much (n,)."""
-    return float(replace(model, clouds=model.clouds.off_by(errors)).judged(assignment[None]).log_odds[0])
 
 
 class _Place(NamedTuple):
@@ -147,8 +142,8 @@ def _judge_displacement(model: DetectionModel, place: _Place, rows: Integers, fr
     return Displaced(int(rows[0]), detections, largest) if log_odds >= LEAST else None
 
 
-def point_advice(found: Finding, whole: Finding | None = None) -> str:
-    """What `displaced_points` finds, as a part of advice; empty if it finds nothing.
+def point_advice(found: Finding, whole: Finding | None) -> str:
+    """What `find_displaced_points` finds, as a part of advice; empty if it finds nothing.
 
     ``whole``: of one of several bodies, the finding of all.
     """

@@ -15,7 +15,7 @@ import numpy as np
 from rootmatch.deadline import OutOfTime
 from rootmatch.errors import InputWarning
 from rootmatch.explain.assessment import assess
-from rootmatch.explain.bodies import UNCONFIRMED, match_bodies
+from rootmatch.explain.bodies import UNCONFIRMED, Choice, match_bodies
 from rootmatch.explain.body_findings import find_no_body
 from rootmatch.explain.dense_image import match_dense
 from rootmatch.explain.finding import Finding, make_empty_finding
@@ -27,17 +27,15 @@ from rootmatch.explain.in_time import TOO_LATE, explain_in_time
 from rootmatch.explain.inexact_points import allow_point_errors
 from rootmatch.explain.judged_motions import find_motions_in_turn, judge_motions
 from rootmatch.explain.known_pose import match_known
-from rootmatch.explain.multi_motion import pack_motions
+from rootmatch.explain.motion_groups import pack_motions
 from rootmatch.explain.noise_estimation import estimate_noise_and_solve
 from rootmatch.explain.point_set_decision import decide_point_sets, judge_solution, make_point_set_model
 from rootmatch.explain.predicted_pose import match_predicted
 from rootmatch.explain.proposed_pairs import find_pair_motions, is_worth_drawing
 from rootmatch.explain.rig_search import match_rig
-from rootmatch.explain.sampling import keep_affordable, make_sweep, sample
-from rootmatch.explain.search_part import Choice
+from rootmatch.explain.sampling import are_too_few, keep_affordable, make_sweep, sample
 from rootmatch.explain.space_bodies import match_bodies_in_space
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.too_few import are_too_few
 from rootmatch.explain.two_view_decision import assess_two_views as judged_by_views
 from rootmatch.explain.two_view_decision import make_two_view_model as two_view_model
 from rootmatch.explain.two_view_motions import match_motions
@@ -64,7 +62,7 @@ def _warn_of_idle_solver(task: MatchingTask) -> None:
     """Warn of a solver that was named and does not decide, as poses do; Python shows that once for each line."""
     if task.options.solver is None:
         return
-    one = task if task.bodies is None else task.body(0)
+    one = task.each_body[0]
     if is_modelled(one) or make_point_set_model(one) is not None:
         warnings.warn(
             f"solver: the poses of {task.problem.name} decide, and this solver only adds proposals, which seldom "
@@ -79,7 +77,7 @@ def _explain_searching(task: MatchingTask, searching: bool | Choice) -> Finding:
     if not searching:
         return _explain_predicted(task)
     if callable(searching):
-        if task.bodies is not None and is_modelled(task.body(0)):
+        if task.bodies is not None and is_modelled(task.each_body[0]):
             return match_bodies_in_image(task, _propose, choice=searching)
         if task.prior_pose is not None:
             return match_predicted(task, _propose, searching)
@@ -122,9 +120,9 @@ def _explain_predicted(task: MatchingTask) -> Finding:
 def _choose_route(task: MatchingTask, judging: bool) -> Finding:
     """The finding of a task whose noise is known, by the route that its other knowledge calls for."""
     if task.bodies is not None:
-        if task.problem.takes_prior and is_modelled(task.body(0)):
+        if task.problem.takes_prior and is_modelled(task.each_body[0]):
             return match_bodies_in_image(task, _propose)
-        if make_point_set_model(task.body(0)) is not None:
+        if make_point_set_model(task.each_body[0]) is not None:
             return match_bodies_in_space(task, _propose_in_space)
         return match_bodies(task, _explain_in_time)
     of_camera = task.problem.takes_prior  # two point sets are weighed with all that is known, see `MotionPrior`

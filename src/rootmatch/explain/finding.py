@@ -32,10 +32,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-NOTHING = Facts(confirmed=False, lead=0.0)
-"""Of what leaves nothing to match."""
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Finding:
     """An assignment and what is known about it; `rootmatch.Match` explains what the attributes mean to a caller.
@@ -113,6 +109,13 @@ class Finding:
         return self.facts.status
 
     @property
+    def judged(self) -> tuple[Posterior, DetectionModel]:
+        """The posterior of which it is told, and the model of the image: of a finding that has both."""
+        assert self.posterior is not None
+        assert self.model is not None
+        return self.posterior, self.model
+
+    @property
     def is_cut(self) -> bool:
         """Whether the search of a tracker's frame spent the evaluations that it may take."""
         return self.task.budget is not None and self.evaluated >= self.task.budget
@@ -139,7 +142,7 @@ class Finding:
         return copy_with(self, facts=copy_with(self.facts, probability=probability, **contested), confidence=confidence)
 
     def scale_probability(self, factor: float) -> Self:
-        """A copy that is less probable by a factor, as is each of its matches; ambiguous as of `doubted`."""
+        """A copy that is less probable by a factor, as is each of its matches; ambiguous as of `lower_probability`."""
         if self.facts.probability is None or self.confidence is None:
             return self
         less = np.where(self.assignment >= 0, factor, 1.0) * self.confidence
@@ -275,7 +278,7 @@ def make_empty_finding(task: MatchingTask, reason: str | None) -> Finding:
         task=task,
         assignment=np.full(task.rows, -1, np.int64),
         others=[],
-        facts=copy_with(NOTHING, probability=told),
+        facts=Facts(confirmed=False, lead=0.0, probability=told),
         log_odds=told,
         tensor=empty_tensor(task),
         scores=[0.0],

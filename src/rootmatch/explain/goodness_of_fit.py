@@ -52,6 +52,12 @@ class Misfit(NamedTuple):
         sigma = math.sqrt(chi2 / freedom) if freedom else math.nan
         return cls((NOISE_FREEDOM + chi2) / (NOISE_FREEDOM + freedom), sigma, freedom)
 
+    @classmethod
+    def told_by(cls, found: Finding) -> Misfit | None:
+        """What a finding tells of its residuals; None if that is nothing."""
+        factor = found.noise_factor
+        return None if factor is None else cls(factor**2, factor, found.noise_dof, found.alike, found.another)
+
     def rescaled_log_odds(self, log_odds: float) -> float:
         """Log-odds of the pose if σ was stated as many times too small, of those with the σ given.
 
@@ -90,7 +96,7 @@ class Misfit(NamedTuple):
         chance = float(fdtrc(self.dof, FREEDOM_OF_RIG if of_rig else NOISE_FREEDOM, self.sigma**2))
         return beside + float(SHAPE * max(chance, 1e-300) ** (SHAPE - 1.0))
 
-    def log_odds_of_errors(self, log_inexact: Sequence[float] = ()) -> Floats:
+    def log_odds_of_errors(self, log_inexact: Sequence[float]) -> Floats:
         """Log-odds (OWN,) of the body with points that are off, of the body as given, with their prior.
 
         ``log_inexact``: see `MatchingTask.log_inexact`.
@@ -98,7 +104,7 @@ class Misfit(NamedTuple):
         before = LOG_INEXACT + np.array(log_inexact or (0.0,) * OWN)
         return np.full(OWN, -np.inf) if self.alike is None else before + self.alike[:OWN]
 
-    def largest_error_gain(self, log_inexact: Sequence[float] = ()) -> float:
+    def largest_error_gain(self, log_inexact: Sequence[float]) -> float:
         """The largest of these without their prior, if that is the most probable of the body; 0 if it is as given."""
         odds = self.log_odds_of_errors(log_inexact)
         which = int(odds.argmax())

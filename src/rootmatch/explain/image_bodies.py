@@ -21,8 +21,11 @@ from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.explain.bodies import (
     ROUNDS,
     SURE,
+    Choice,
     SearchedBody,
+    SearchPart,
     Solve,
+    is_mostly_shown,
     search_budgets,
     search_order,
     search_rounds,
@@ -45,7 +48,6 @@ from rootmatch.explain.in_time import prediction_deadline
 from rootmatch.explain.known_place import find_pairs_by_angle
 from rootmatch.explain.known_pose import propose_by_knowledge
 from rootmatch.explain.likeness import look_alike_by_errors
-from rootmatch.explain.search_part import Choice, SearchPart, is_mostly_shown
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, find_modes
@@ -176,8 +178,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
 
     ``solve`` matches one of them; ``choice`` says what to search, everything if not given.
     """
-    assert task.bodies is not None
-    bodies = [_make_body(task, k) for k in range(len(task.bodies.names))]
+    bodies = [_make_body(task, k) for k in range(len(task.each_body))]
     for body in bodies:
         others = [other for other in bodies if other is not body]
         source = body.task.points.source
@@ -291,7 +292,7 @@ def _is_taken(body: _Body, bodies: Sequence[_Body]) -> bool:
 
 def _make_body(task: MatchingTask, number: int) -> _Body:
     """A body for which nothing has been found yet."""
-    own, count = task.body(number), task.shape[1]
+    own, count = task.each_body[number], task.shape[1]
     nothing, told = make_empty_finding(own, None), empty_posterior(own.rows)
     free, used = np.ones(count, np.bool_), np.zeros(count)
     return _Body(

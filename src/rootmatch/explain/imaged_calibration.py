@@ -36,21 +36,14 @@ STATED = 3.0
 
 
 class ImagedCalibration(NamedTuple):
-    """A finding, and its task with the camera that fits it.
-
-    Attributes
-    ----------
-    found : Finding
-        By the camera as it was given.
-    task : MatchingTask
-        The camera is exact then.
-    log_cost : float
-        Logarithm of how much less probable what fits then is over all errors, than with those that fit it best.
-    """
+    """A finding, and its task with the camera that fits it."""
 
     found: Finding
+    """By the camera as it was given."""
     task: MatchingTask
+    """The camera is exact then."""
     log_cost: float
+    """Logarithm of how much less probable what fits then is over all errors, than with those that fit it best."""
 
     @classmethod
     def of(cls, found: Finding) -> ImagedCalibration | None:

@@ -45,7 +45,7 @@ def allow_point_errors(found: Finding, task: MatchingTask, *, missed: float = 0.
     """A finding of one body by `image_finding`, or that with points which are off, where these explain more."""
     if found.alike is None and not (found.noise_factor or 0.0) > 1.0:
         return found  # as it nearly always is
-    model, misfit = found.model, _misfit(found)
+    model, misfit = found.model, Misfit.told_by(found)
     by_fit = misfit is not None and misfit.sigma > 1.0
     exact = task.points.source_covariance is None and not task.noise_is_estimated and task.problem.takes_source_noise
     if model is None or misfit is None or not (by_fit or misfit.alike is not None) or not exact:
@@ -69,9 +69,7 @@ def _assume_point_errors(found: Finding, task: MatchingTask, missed: float, befo
 
     ``before``: log-odds (OWN,) of such errors; ``which``: of them the most probable.
     """
-    model, misfit = found.model, _misfit(found)
-    assert model is not None
-    assert misfit is not None
+    _, model = found.judged
     error = float(ERRORS[which]) * body_radius(task.points.source)
     body = _make_inexact_body(found, task, error)
     # in one image `_inexact_probability` counts what is beside points without a match
@@ -92,8 +90,8 @@ def _average_error_sizes(again: Finding, task: MatchingTask, exact: DetectionMod
     The few of `ERRORS` decide what is in view. How large the errors are is what the matches tell; but as a pose takes
     up what is off alike, they are as large as decided (``least``) or larger. ``exact``: the model without errors.
     """
-    assert again.posterior is not None
-    modes, k, sizes = again.posterior.modes, again.mode, SIZES * exact.radius
+    told, _ = again.judged
+    modes, k, sizes = told.modes, again.mode, SIZES * exact.radius
     own = modes.take(slice(k, k + 1))
     pose = own.assignments, own.rotation, own.position
     odds = np.array([settle_poses(perturb_points(exact, one), *pose)[0].log_odds[0] for one in sizes.tolist()])
@@ -101,7 +99,7 @@ def _average_error_sizes(again: Finding, task: MatchingTask, exact: DetectionMod
     model = perturb_points(exact, error)
     found, at = settle_poses(model, *pose)
     own = own._replace(rotation=at.rotation, position=at.position, covariance=found.covariance)
-    told = copy_with(again.posterior, modes=modes.take(slice(k)).and_(own).and_(modes.take(slice(k + 1, None))))
+    told = copy_with(told, modes=modes.take(slice(k)).and_(own).and_(modes.take(slice(k + 1, None))))
     noisy = copy_with(again.task, points=task.problem.with_source_noise(task.points, error))
     return copy_with(
         again, task=noisy, model=model, posterior=told, pose=mode_pose(model, told.modes, k), point_error=error
@@ -123,7 +121,7 @@ def error_gains(found: Finding) -> Floats:
     """
     if found.labellings is not None:
         return _set_error_gains(found)
-    model, told, misfit = found.model, found.posterior, _misfit(found)
+    model, told, misfit = found.model, found.posterior, Misfit.told_by(found)
     if model is None or told is None or misfit is None or not misfit.dof:
         return np.zeros(OWN)
     modes, k, errors = told.modes, found.mode, ERRORS[:OWN] * model.radius
@@ -155,24 +153,15 @@ def noise_factor(found: Finding) -> float | None:
     return None if factor is None or math.isnan(factor) else factor  # a pose that takes up all has no residuals
 
 
-def _misfit(found: Finding) -> Misfit | None:
-    """The misfit of a finding that a model of the image tells."""
-    if found.posterior is None or found.noise_factor is None:
-        return None
-    squared = found.noise_dof * found.noise_factor**2 if found.noise_dof else 0.0
-    return Misfit.of(squared, found.noise_dof)._replace(alike=found.alike)
-
-
 def _make_inexact_body(found: Finding, task: MatchingTask, sigma: float) -> Candidate:
     """The body with points that are off, in the poses that were found for it as given, and about predicted ones."""
-    assert found.model is not None
-    assert found.posterior is not None
+    told, model = found.judged
     task = copy_with(task, points=task.problem.with_source_noise(task.points, sigma))
-    body = Candidate(task, perturb_points(found.model, sigma), empty_modes(task.rows))
+    body = Candidate(task, perturb_points(model, sigma), empty_modes(task.rows))
     predicted = propose_predicted(body.model)
     if predicted is not None:
         body = copy_with(body, modes=find_modes(body.model, predicted, least=-HOPELESS))
-    return body.add_modes(found.posterior.modes)
+    return body.add_modes(told.modes)
 
 
 def _inexact_probability(found: Finding, again: Finding, before: Floats, which: int) -> float:
@@ -181,17 +170,15 @@ def _inexact_probability(found: Finding, again: Finding, before: Floats, which: 
     Either may have errors that are independent or smooth. ``before``: log-odds (OWN,) of errors of the body;
     ``which``: of them those of ``again``.
     """
-    misfit = _misfit(found)
+    misfit = Misfit.told_by(found)
     assert misfit is not None
-    assert found.model is not None
-    assert found.posterior is not None
-    assert again.posterior is not None
-    modes = found.posterior.modes
+    (told, model), (after, _) = found.judged, again.judged
+    modes = told.modes
     elsewhere = ((modes.assignments >= 0) & (modes.assignments != again.assignment)).any(axis=1)
-    errors = ERRORS * found.model.radius
-    smooth = smooth_error_log_odds(found.model, again.posterior.modes, again.mode, errors)
+    errors = ERRORS * model.radius
+    smooth = smooth_error_log_odds(model, after.modes, again.mode, errors)
     own = np.logaddexp.reduce([(again.log_odds or 0.0) + before[which], *(smooth[:OWN] + before)])
     other = found.log_odds or 0.0
-    other += math.log(WRONG_MODEL * misfit.odds_of_something_else(len(found.model.images) > 1))
+    other += math.log(WRONG_MODEL * misfit.odds_of_something_else(len(model.images) > 1))
     against = np.logaddexp.reduce([*modes.log_mass[elsewhere].tolist(), other, *(smooth + LOG_ALIKE)])
     return probability(float(own - against))

@@ -33,7 +33,7 @@ from rootmatch.explain.missing_motions import (
     restrict_assignments,
     search_rest,
 )
-from rootmatch.explain.multi_motion import pack_motions
+from rootmatch.explain.motion_groups import pack_motions
 from rootmatch.explain.point_set_decision import judge_one_motion, make_point_set_model
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
@@ -113,7 +113,7 @@ def _judge_and_search(
     budget: int = QUICK,
     proposed: bool = False,
 ) -> Finding:
-    """See `judged_motions`; each search is appended to ``searched``."""
+    """See `judge_motions`; each search is appended to ``searched``."""
     asked, alone = found.task.options.motions, _single_motion_task(found.task)
     assignment, labels = found.assignment.copy(), found.motion_labels.copy()
     parts: dict[int, _Part] = {}

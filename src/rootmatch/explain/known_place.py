@@ -64,7 +64,7 @@ def propose_by_position(
 
 
 def find_pairs_by_angle(task: MatchingTask, known: PosePrior) -> Pairs | None:
-    """The pairs that a table of angles has, see `looked_up`; None where that tells too little, or no place is known."""
+    """The pairs that a table of angles has; None where `search_angle_table` tells too little, or no place is known."""
     if known.place is None or known.turn is not None:
         return None
     given, rng = _directions(task, *known.place), np.random.default_rng(task.options.seed)

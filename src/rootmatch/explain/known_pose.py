@@ -20,9 +20,9 @@ from rootmatch.explain.in_time import prediction_deadline
 from rootmatch.explain.known_place import Pairs, find_pairs_by_angle, propose_by_position
 from rootmatch.explain.known_rotation import has_many_pairs, lines_of_sight, propose_by_rotation
 from rootmatch.explain.predicted_poses import contradicts, pose_knowledge
-from rootmatch.explain.rivals import DOUBT
+from rootmatch.explain.prior_validation import DOUBT
+from rootmatch.explain.sampling import are_too_few
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.too_few import are_too_few
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.prediction import propose_about

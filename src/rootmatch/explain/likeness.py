@@ -73,20 +73,10 @@ def ways_alike(first: MatchingTask, second: MatchingTask) -> list[tuple[Integers
     Of each: the row of the second one's assignment for each of the first (1, C n), as `look_alikes` takes it; and
     `relative_place`.
     """
-    source, other, rows = first.points.source, second.points.source, second.rows
-    known = _known_ways(source, other)
-    if rows not in known:
-        known[rows] = [
-            (second.sighting_rows(image)[None], relative_place(source, other, image))
-            for image in likenesses(source, other)
-        ]
-    return known[rows]
-
-
-@cache_by_identity(256)
-def _known_ways(first: Floats, second: Floats) -> dict[int, list[tuple[Integers, Places | None]]]:
-    """What `ways_alike` has told of two bodies, by the number of rows."""
-    return {}
+    source, other = first.points.source, second.points.source
+    return [
+        (second.sighting_rows(image)[None], relative_place(source, other, image)) for image in likenesses(source, other)
+    ]
 
 
 def look_alike_by_errors(

@@ -37,12 +37,8 @@ SAMPLER_NAMES: tuple[SamplerName, ...] = ("auto", "exhaustive", "random", "guide
 class MatchOptions:
     """The options of `rootmatch.match`, under the same names and with the same defaults; see there.
 
-    Everything that does not depend on the points is validated here.
-
-    Raises
-    ------
-    InputError
-        For an option that is not one of the choices, or that cannot be combined with another.
+    Everything that does not depend on the points is validated here: options that are not one of the choices, or that
+    cannot be combined with another, are refused.
     """
 
     seed: int = 0
@@ -111,13 +107,7 @@ class MatchOptions:
         get_solver("ascent" if self.solver is None else self.solver)
 
     def check_rig(self) -> None:
-        """Refuse options that rigs do not support.
-
-        Raises
-        ------
-        InputError
-            If one of them is given.
-        """
+        """Refuse options that rigs do not support."""
         searches = self.sampler in (None, "auto", "guided") or isinstance(self.sampler, Guided)
         given = {
             "motions": self.motions != 1,

@@ -19,7 +19,7 @@ from rootmatch.explain.body_findings import join_hyperedges, restore_columns
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.known_pose import QUICK
-from rootmatch.explain.multi_motion import distinct_hyperedges
+from rootmatch.explain.motion_groups import distinct_hyperedges
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -86,17 +86,11 @@ class Rest(NamedTuple):
 
     def named(self, count: int) -> list[Integers]:
         """What the search named beside what it found, each (count,) as an assignment of all points."""
-        return (
-            []
-            if self.told is None
-            else [self.expand_assignment(one, count) for one in (*self.told.others, *self.told.named)]
-        )
-
-    def expand_assignment(self, assignment: Integers, count: int) -> Integers:
-        """An assignment of what is left as one of all, so many, points."""
-        whole = np.full(count, -1, np.int64)
-        whole[self.points] = np.where(assignment >= 0, self.detections[assignment], -1)
-        return whole
+        every = np.full((0 if self.told is None else len(self.told.others) + len(self.told.named), count), -1, np.int64)
+        if self.told is not None and len(every):
+            named = np.array([*self.told.others, *self.told.named])
+            every[:, self.points] = np.where(named >= 0, self.detections[named], -1)
+        return list(every)
 
 
 def add_missing_motions(
@@ -116,7 +110,7 @@ def add_missing_motions(
     """
     while asked == "auto" or len(np.unique(labels[labels >= 0])) < asked:
         missing = 0 if asked == "auto" else asked - len(np.unique(labels[labels >= 0]))
-        rest = search_rest(alone, solve, assignment, missing, budget)
+        rest = search_rest(alone, solve, assignment, missing, budget=budget)
         told = rest.told
         if told is not None and told.status is not Status.UNTRUSTED and (told.assignment >= 0).any():
             rest = rest._replace(label=int(labels.max(initial=-1)) + 1)
@@ -156,7 +150,8 @@ def search_rest(
     solve: Callable[[MatchingTask], Finding],
     assignment: Integers,
     missing: int = 0,
-    budget: int = QUICK,
+    *,
+    budget: int,
 ) -> Rest:
     """What the model of one motion finds among the points and detections that an assignment leaves."""
     points = np.flatnonzero(assignment < 0)

@@ -53,7 +53,8 @@ LEAST = 1e-3
 
 def estimate_noise_and_solve(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
     """The finding at a σ that is consistent with its own residuals; ``solve`` finds that of a known σ."""
-    first = first_guess(task.image[0], task.camera_of)
+    images = [task.image[0][task.camera_of == k] for k in np.unique(task.camera_of)]
+    first = FIRST_GUESS * max(float(np.linalg.norm(np.ptp(image, axis=0))) for image in images)  # by the widest
     found, budget = _try_first_guesses(task, solve, first)
     match, guess = found[0]
     known = [one.assignment for one, _ in found]
@@ -118,13 +119,7 @@ def _round_task(task: MatchingTask, sigma: float) -> MatchingTask:
     return replace(task.with_noise(sigma), deadline=task.deadline.part(ROUND))
 
 
-def first_guess(target: Floats, camera_of: Integers) -> float:
-    """An initial, generous σ for points (n', 2), each of one image: by the widest of those."""
-    images = [target[camera_of == k] for k in np.unique(camera_of)]
-    return FIRST_GUESS * max(float(np.linalg.norm(np.ptp(image, axis=0))) for image in images)
-
-
-def estimate_noise(match: Finding, sigma: float, known: Sequence[Integers] = ()) -> float:
+def estimate_noise(match: Finding, sigma: float, known: Sequence[Integers]) -> float:
     """σ from the residuals inside an assignment that was found with ``sigma``; NaN if there are too few.
 
     ``known``: what was found at other σ, and may be right in its place.

@@ -17,7 +17,7 @@ from rootmatch.explain.finding import Finding, empty_tensor, make_unjudged
 from rootmatch.explain.goodness_of_fit import MOST_ALIKE, Misfit, discount_misfit, is_misfit
 from rootmatch.explain.image_decision import BY_ITS_LAW, odds_lead
 from rootmatch.explain.in_time import final_deadline
-from rootmatch.explain.predicted_motion import is_search_needless, predicted_labellings
+from rootmatch.explain.predicted_pose import is_motion_search_needless, predicted_labellings
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
@@ -135,7 +135,7 @@ def _judge_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None
     if not (every >= 0).all():
         every = grow_labellings(model.clouds, _add_symmetric(task, every), model.mirror, task.allowed)
     judged = model.judged(every)
-    if not is_search_needless(model, judged):
+    if not is_motion_search_needless(model, judged):
         return None
     # a part of the source that is like another one explains less, and tells nothing of where this one is
     alone = judged.log_odds - judged.known
@@ -220,18 +220,13 @@ def assess_labellings(
 
 
 def point_set_finding(
-    base: Finding, found: PointSetPosterior, model: PointSetModel, taken: Bools | None = None, *, asked: bool = True
+    base: Finding, found: PointSetPosterior, model: PointSetModel, taken: Bools | None = None, *, asked: bool
 ) -> Finding:
     """A finding with the assignment, facts and confidence that a posterior gives.
 
-    Parameters
-    ----------
-    base : Finding
-        Of the same task, with what its search may have missed.
-    taken : (n',) bool array, optional
-        Targets of other bodies: the result is a labelling without any of them, or nothing.
-    asked : bool
-        Whether it was asked if something else that goes on by the body's law explains as much.
+    ``base``: of the same task, with what its search may have missed. ``taken``: (n',) targets of other bodies, of which
+    the labelling that is told has none. ``asked``: whether it was asked if something else that goes on by the body's
+    law explains as much.
     """
     task, present, n = base.task, found.present, len(model.clouds.source)
     least = task.options.least_probability

@@ -11,7 +11,7 @@ from rootmatch.algebra.rotation import one_rotation_matrix
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.rivals import NONE
+from rootmatch.explain.prior_validation import NONE
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.model.blob_labels import resolve_blobs

@@ -17,9 +17,8 @@ from rootmatch.explain.finding import Finding, empty_tensor
 from rootmatch.explain.image_decision import assess_image
 from rootmatch.explain.image_hypotheses import Candidate, is_search_needless, make_detection_model
 from rootmatch.explain.inexact_points import allow_point_errors
-from rootmatch.explain.kept_searches import sample_once
 from rootmatch.explain.rig_triples import search_rig_triples
-from rootmatch.explain.sampling import make_guided
+from rootmatch.explain.sampling import make_guided, sample_once
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.assignment import one_hot
@@ -38,7 +37,6 @@ from rootmatch.model.proposals import (
     solve_minimal_sets,
 )
 from rootmatch.model.shown_in_part import ShownOfCopy
-from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.rig_fit import LEAST
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.guided.sampler import Guided
@@ -70,7 +68,7 @@ SEARCHED = 0.75
 def match_rig(task: MatchingTask, *, judging: bool) -> Finding:
     """The match of a task of a rig, searched without a prediction.
 
-    `Finding.converged` says whether each camera's search ended before its budget. ``judging``: see `assessed`.
+    `Finding.converged` says whether each camera's search ended before its budget. ``judging``: see `assess_image`.
     """
     bounded = LIMITS_OF_BOUNDED if task.search_camera is None else LIMITS_OF_FRAME
     model = make_detection_model(task)
@@ -117,7 +115,7 @@ def _search_for_copy(
                     evaluated += other.evaluated
                     hypotheses += _in_all_cameras(rest, k, own, other.assignments)
                 else:
-                    hypotheses += (_search_triples(part, beside, k, own, guided) or ([], False))[0]
+                    hypotheses += (search_rig_triples(part, beside, k, own, guided) or ([], False))[0]
                 unmet[k] = least - 1
         there, _ = _verify_hypotheses(beside, hypotheses, LIMITS_OF_BOUNDED, narrowing=False)
         verified = np.concatenate([verified, np.where(there >= 0, left[there], -1)])
@@ -164,7 +162,7 @@ def _search_cameras(
             continue
         part = copy_with(part, deadline=searching.part(1.0 / (len(parts) - number)))
         if task.search_camera is not None:
-            by_triples = _search_triples(part, model, k, own, guided)
+            by_triples = search_rig_triples(part, model, k, own, guided)
             if by_triples is not None:
                 hypotheses += by_triples[0]
                 continue  # triples tell all: a search for four there meets nothing else
@@ -197,7 +195,8 @@ def _search_cameras(
         met = len(hypotheses)
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():
-                led, every = _search_triples(copy_with(part, deadline=searching), model, k, own, guided) or ([], False)
+                part = copy_with(part, deadline=searching)
+                led, every = search_rig_triples(part, model, k, own, guided) or ([], False)
                 hypotheses += led
                 all_triples |= every
                 unmet[k] = min(unmet[k], LEAST - 2 if every else LEAST - 1)
@@ -233,15 +232,6 @@ def camera_task(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Intege
         options=copy_with(part.options, sampler=guided, seed=part.options.seed + k),
     )
     return k, own, part
-
-
-def _search_triples(
-    part: MatchingTask, model: DetectionModel, k: int, own: Integers, guided: Guided
-) -> tuple[list[Integers], bool] | None:
-    """See `search_rig_triples`; a measured vertical has its say in the model."""
-    camera = part.problem.camera  # type: ignore[attr-defined]
-    of_triples = part if type(part.problem) is P3P else copy_with(part, problem=P3P(camera))
-    return search_rig_triples(of_triples, model, k, own, guided)
 
 
 def _sufficient_assignments(

@@ -12,9 +12,11 @@ import numpy as np
 
 from rootmatch.arrays import Integers
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copy_with
 from rootmatch.model.detection_model import MORE_SIGHTINGS, DetectionModel, count_triples
 from rootmatch.model.gathering import gather_assignments
 from rootmatch.model.proposals import solve_minimal_sets
+from rootmatch.problems.p3p import P3P
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.visible_search import VisibleSearch, ranks_triples
 
@@ -36,8 +38,11 @@ def search_rig_triples(
     """Assignments of sightings that triples of one camera lead to in all cameras, the most likely first.
 
     With whether all triples were looked at. None if they cannot be searched: among too many detections, or, without
-    normals, of too many points. ``part``: the task of that camera, whose detections (m,) are ``own`` of all.
+    normals, of too many points. ``part``: the task of that camera, whose detections (m,) are ``own`` of all; a measured
+    vertical has its say in the ``model``.
     """
+    if type(part.problem) is not P3P:
+        part = copy_with(part, problem=P3P(part.problem.camera))  # type: ignore[attr-defined]
     found = _all_triples(part) if part.points.normals is None else _visible_triples(part, options)
     if found is None:
         return None

@@ -61,14 +61,8 @@ def find_silent_cameras(finding: Finding) -> list[int]:
 def chance_of_as_few(visible: Floats, seen: Bools, rates: Floats, log_weights: Floats) -> Floats:
     """Probability (C,) that each camera detects as few of the points, at the rate of those that show more than `FEW`.
 
-    It is 1 of these.
-
-    Parameters
-    ----------
-    visible : (C, n) array
-    seen : (C, n) bool array
-    rates, log_weights : (Q,) arrays
-        Of the integral over the detection rate, see `DetectionModel.rate_quadrature`.
+    It is 1 of these. ``visible``, ``seen``: (C, n); ``rates``, ``log_weights``: (Q,) of the integral over the detection
+    rate, see `DetectionModel.rate_quadrature`.
     """
     chance = np.minimum(rates[:, None, None] * visible, HIGHEST_RATE)
     count = seen.sum(axis=1)

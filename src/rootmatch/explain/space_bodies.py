@@ -28,7 +28,7 @@ from rootmatch.explain.point_set_decision import (
     make_point_set_model,
     point_set_finding,
 )
-from rootmatch.explain.predicted_motion import complete_predictions
+from rootmatch.explain.predicted_pose import predicted_labellings
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.model.modes import used_mask
@@ -105,8 +105,7 @@ def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
 
     ``solve``: from the task of one body to what its search proposes.
     """
-    assert task.bodies is not None
-    bodies = [_make_body(task, k) for k in range(len(task.bodies.names))]
+    bodies = [_make_body(task, k) for k in range(len(task.each_body))]
 
     def search(body: _Body, budget: int) -> None:
         body.search(task, solve, budget)
@@ -127,7 +126,7 @@ def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
 
 def _make_body(task: MatchingTask, number: int) -> _Body:
     """A body for which nothing has been found yet."""
-    own = task.body(number)
+    own = task.each_body[number]
     model = make_point_set_model(own)
     assert model is not None
     nothing = empty_weighed(own.shape[0])
@@ -143,7 +142,7 @@ def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
     named = list[_Body]()
     with prediction_deadline(task.deadline).within():
         for body in bodies:
-            body.named = complete_predictions(body.model)
+            body.named = [one for one in predicted_labellings(body.model) if (one >= 0).all()]
         if named := [body for body in bodies if body.named]:
             every = judge_jointly([body.model for body in named], [body.named for body in named])
             for body, judged in zip(named, every, strict=True):

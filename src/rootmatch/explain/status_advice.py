@@ -15,8 +15,8 @@ from rootmatch.explain.inexact_points import alike_error
 from rootmatch.explain.predicted_poses import agrees_with_prior, contradicts_vertical, is_against_prior
 from rootmatch.explain.silent_cameras import camera_advice
 from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.two_view_decision import has_vague_axes, nothing_found_text
 from rootmatch.explain.usual_mistakes import TOGETHER, is_detected_twice, obvious_fault
-from rootmatch.explain.vague_axes import has_vague_axes, nothing_found_text
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import are_targets_disjoint
 from rootmatch.model.priors import PRESENT_ODDS, probability

@@ -17,10 +17,14 @@ from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
 from rootmatch.explain.match_options import MatchOptions
-from rootmatch.explain.prior_validation import Prior, check_predicted, prior_attributes
-from rootmatch.explain.rivals import NONE, Rivals
-from rootmatch.explain.uncertain_calibration import allow_for_calibration
-from rootmatch.explain.validation import check_not_exact, check_problem, join_camera_noise, split_candidates
+from rootmatch.explain.prior_validation import NONE, Prior, Rivals, check_predicted, prior_attributes
+from rootmatch.explain.validation import (
+    allow_for_calibration,
+    check_not_exact,
+    check_problem,
+    join_camera_noise,
+    split_candidates,
+)
 from rootmatch.frozen import copy_with, once
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.enumeration import farthest_point_order
@@ -93,7 +97,7 @@ class MatchingTask:
     found_before: NDArray[np.int64] | None = None
     """(K, n) assignments that a guided search begins with."""
     kept_searches: list[tuple[MatchingTask, SampledTensor]] | None = None
-    """What `rootmatch.explain.kept_searches` keeps while variants of the task are tried."""
+    """What `rootmatch.explain.sampling` keeps while variants of the task are tried."""
     more_images: bool = False
     """Whether images of the same points follow, so that what all of them need is prepared at once."""
     deadline: Deadline = NEVER
@@ -119,11 +123,7 @@ class MatchingTask:
         """The task of arguments as `rootmatch.match` takes them; ``bodies`` may be checked already.
 
         ``told``: the deadline, and what else a tracker knows, by the names of the attributes.
-
-        Raises
-        ------
-        InputError
-            If the input cannot be used; the text says what to do.
+        Raises `InputError` if the input cannot be used; the text says what to do.
         """
         check_problem(problem)
         options = options or MatchOptions()
@@ -295,13 +295,11 @@ class MatchingTask:
         points = self.problem.with_noise(self.points, sigma)
         return copy_with(self, points=points, noise=sigma, estimates_noise=False, noise_is_estimated=True)
 
-    def body(self, k: int) -> Self:
-        """The task of one of the bodies and all detections, with its predicted pose."""
-        return self._body_tasks[k]
-
     @cached_property
-    def _body_tasks(self) -> list[Self]:
-        assert self.bodies is not None
+    def each_body(self) -> list[Self]:
+        """The tasks of the bodies among all detections, with their predicted poses; itself where none are labelled."""
+        if self.bodies is None:
+            return [self]
         every = []
         for k, (name, points) in enumerate(zip(self.bodies.names, self.bodies.parts_of(self.points), strict=True)):
             told = prior_attributes(self.priors.get(name)) | {"present": self.present_of.get(name)}
@@ -314,10 +312,10 @@ class MatchingTask:
 
         Partial knowledge of the pose holds for some of the points as well.
         """
-        nothing: dict[str, Any] = {"prior_pose": None, "rivals": NONE, "found_before": None}
-        nothing |= {"priors": {}, "rivals_of": {}}
+        told: dict[str, Any] = {"prior_pose": None, "rivals": NONE, "found_before": None, "priors": {}, "rivals_of": {}}
+        told |= {"bodies": None, "options": self.options.local_options} | known
         rows, columns = (slice(None) if one is None else one for one in (source, target))
-        points = known.pop("points", None) or self.points.subset(source, target)
+        points = told.pop("points", None) or self.points.subset(source, target)
 
         def of_pairs(whole: NDArray[Any] | None) -> NDArray[Any] | None:
             return None if whole is None else np.ascontiguousarray(whole[rows][:, columns])
@@ -325,12 +323,10 @@ class MatchingTask:
         return copy_with(
             self,
             points=self.problem.in_image(points),
-            options=self.options.local_options,
             calibration_noise=None if self.calibration_noise is None else self.calibration_noise[columns],
             allowed=of_pairs(self.allowed),
             weights=of_pairs(self.weights),
-            bodies=None,
-            **(nothing | known),
+            **told,
         )
 
 

@@ -30,6 +30,7 @@ from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_places import reweigh_by_crowding
 from rootmatch.model.two_view_posterior import TwoViewPosterior, sample_two_view_posterior
 from rootmatch.model.two_view_samples import fit_log_evidence, likeliest_fits
+from rootmatch.problems.base import Problem
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared_match_share
 from rootmatch.solvers.base import Solution
@@ -102,7 +103,7 @@ def assess_two_views(
     return replace(found, named=named) if sampled.repeated else found
 
 
-def rival_labellings(model: TwoViewModel, told: TwoViewPosterior, named: Integers, seed: int = 0) -> Rivals:
+def rival_labellings(model: TwoViewModel, told: TwoViewPosterior, named: Integers, seed: int) -> Rivals:
     """Labellings (K, n) that may be right and not the one reported, a period away or half a turn, and their odds (K,).
 
     Of what a search named (M, n), those that have little in common with it, and it displaced along the scene. If the
@@ -149,7 +150,7 @@ def reported_assignment(told: TwoViewPosterior) -> Integers:
 
 
 def two_view_finding(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals) -> Finding:
-    """A finding with the assignment, its facts and its confidence as a posterior and `rivals_of` it tell them."""
+    """A finding with assignment, facts and confidence as a posterior and its `rival_labellings` tell them."""
     least = base.task.options.least_probability
     present = min(told.presences)
     facts = Facts(present=present, contested=True, min_probability=least, missed=missed)
@@ -207,3 +208,23 @@ def two_view_finding(base: Finding, told: TwoViewPosterior, missed: float, rival
         noise_dof=fault.dof,
     )
     return discount_misfit(found, fault)
+
+
+def has_vague_axes(problem: Problem) -> bool:
+    """Whether the common direction of two images is known so little that a search loses poses by that."""
+    if float(getattr(problem, "axis_noise", 0.0)) <= 0.0:
+        return False
+    from rootmatch.samplers.two_views.covering_sets import LOST, lost_with_tilt  # slow to import
+
+    return lost_with_tilt(float(problem.tilt_variance)) > LOST  # type: ignore[attr-defined]
+
+
+def nothing_found_text(problem: Problem) -> str:
+    """What it means that a search ended by itself and found nothing."""
+    if not has_vague_axes(problem):
+        return "no pose explains more of the points than chance would"
+    return (
+        "nothing that was found is beyond chance, but the search may have missed the pose, as the axes are known to "
+        f"{math.degrees(problem.axis_noise):.2g}° only; "  # type: ignore[attr-defined]
+        "give a smaller `axis_noise` if that is realistic"
+    )

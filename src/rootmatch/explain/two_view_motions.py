@@ -12,7 +12,7 @@ from rootmatch.deadline import OutOfTime
 from rootmatch.explain.finding import Finding, make_empty_finding
 from rootmatch.explain.judged_motions import ROUNDS, remaining_task
 from rootmatch.explain.missing_motions import Rest, add_missing_motions, join_searches, restrict_assignments
-from rootmatch.explain.motion_labels import relabel_by_size
+from rootmatch.explain.motion_groups import relabel_by_size
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.two_view_decision import (
     Rivals,

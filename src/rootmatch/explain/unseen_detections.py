@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from typing import Any
 from weakref import WeakSet
 
 import numpy as np
@@ -29,6 +28,8 @@ INNER = 0.8
 lens may take milliseconds. A round value."""
 MOST = 0.5
 """Part of the detections that may lie outside of the circle: with more the lens is wrong. A round value."""
+WHATEVER_IS_SEEN = "bodies", "options", "prior_pose", "rivals", "priors", "rivals_of", "found_before"
+"""What is known of a task and depends on no detection."""
 
 _warned: WeakSet[Camera] = WeakSet()
 
@@ -43,7 +44,8 @@ def explain_seen(task: MatchingTask, explain: Callable[[MatchingTask], Finding])
         return explain(task)
     _report(task, unseen, wrong=bool(unseen.all() or (not task.is_predicted and unseen.mean() > MOST)))
     columns = np.flatnonzero(~unseen)
-    return _restore_detections(explain(_restrict_task(task, columns)), task, columns)
+    known = {name: getattr(task, name) for name in WHATEVER_IS_SEEN}
+    return _restore_detections(explain(task.subset(None, columns, **known)), task, columns)
 
 
 @cache_by_identity(16)
@@ -97,27 +99,15 @@ def _report(task: MatchingTask, unseen: Bools, *, wrong: bool) -> None:
         warnings.warn(f"target: {told}, where nothing of the scene is seen: left out", InputWarning, stacklevel=5)
 
 
-def _restrict_task(task: MatchingTask, columns: Integers) -> MatchingTask:
-    """The task of some of the detections, with all that is known."""
-
-    def of_columns(pairs: Any) -> Any:
-        return None if pairs is None else np.ascontiguousarray(pairs[:, columns])
-
-    points = task.problem.in_image(task.points.subset(target=columns))
-    told = None if task.calibration_noise is None else task.calibration_noise[columns]
-    allowed, weights = of_columns(task.allowed), of_columns(task.weights)
-    return copy_with(task, points=points, calibration_noise=told, allowed=allowed, weights=weights)
-
-
 def _restore_detections(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
     """A finding among some detections, and those of its bodies, as one among all."""
     if found.task.noise_is_estimated and not task.noise_is_estimated:
         task = task.with_noise(found.task.noise)
     known = {name: getattr(task, name) for name in ("points", "calibration_noise", "allowed", "weights")}
     whole = copy_with(found.task, **known)
-    each = None if found.parts is None else enumerate(found.parts.items())
-    parts = (
-        None if each is None else {label: _restore_detections(one, task.body(k), columns) for k, (label, one) in each}
-    )
+    parts = found.parts
+    if parts is not None:
+        each = zip(parts.items(), task.each_body, strict=True)
+        parts = {label: _restore_detections(one, part, columns) for (label, one), part in each}
     model = None if found.model is None else make_candidate(whole, []).model
     return copy_with(restore_columns(found, whole, columns), model=model, parts=parts, left=None)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from itertools import combinations, product
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -17,12 +17,18 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
-from rootmatch.explain.displaced_cameras import displaced_cameras
-from rootmatch.explain.mistake import Change, Mistake, make_change, ratio_of_units, scale_noise
-from rootmatch.explain.point_set_mistakes import list_point_set_mistakes
-from rootmatch.explain.prior_mistakes import METRIC, list_prior_mistakes
+from rootmatch.explain.calibration_mistakes import displaced_cameras, wrong_calibration
+from rootmatch.explain.mistake import (
+    UNITS,
+    Change,
+    Mistake,
+    list_point_set_mistakes,
+    list_prior_mistakes,
+    make_change,
+    ratio_of_units,
+    scale_noise,
+)
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.wrong_calibration import wrong_calibration
 from rootmatch.problems.checks import are_collinear
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.similarity import Similarity
@@ -31,8 +37,6 @@ FACTORS = (3.0, 10.0)
 """Factors by which σ may have been stated too small. Round values."""
 NOISIER = {f"the noise is {factor:g} times as large": factor for factor in FACTORS}
 """The factor of each mistake of that kind."""
-UNITS = [*METRIC, *product(("feet", "inches"), ("metres", "millimetres"))]
-"""Units in which a model may be given before a rig, and in which the rig is."""
 OPENGL = np.array([1.0, -1.0, -1.0])
 """Signs that take its axes, y up and the view along −z, to those of a camera here."""
 BEYOND = 1.0
@@ -95,8 +99,7 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
     def posed(**changes: Any) -> Change:
         return make_change(problem=replace(problem, **changes))  # type: ignore[type-var]
 
-    names = [name for name in ("camera", "camera2") if getattr(problem, name, None) is not None]
-    cameras = {name: getattr(problem, name) for name in names}
+    cameras = {name: one for name in ("camera", "camera2") if (one := getattr(problem, name, None)) is not None}
 
     def filmed(change: Callable[[Camera], Camera]) -> Change:
         return posed(**{name: _change_camera(camera, change) for name, camera in cameras.items()})
@@ -242,7 +245,7 @@ def _coordinate_mistakes(
     if distorted:  # what normalises takes the lens out, as a rule
         bare, told = filmed(lambda own: replace(own, lens=None)), f"{remedy}, and the camera without its lens"
         for k, change in enumerate(raw):
-            without = partial(_apply_both, change, bare)
+            without = partial(lambda raw, task: bare(raw(task)), change)
             yield Mistake(name, f"{told}{in_unit if k else ''}", without, if_nothing_fits=k > 0)
     for k, change in enumerate(raw):
         yield Mistake(name, f"{remedy}{in_unit if k else ''}", change, if_nothing_fits=k > 0 or distorted)
@@ -253,10 +256,6 @@ def _coordinate_mistakes(
             told = f"multiply x by the width and y by the height{in_unit if sigma_too else ''}"
             change = in_pixels(parts, sigma_too=sigma_too)
             yield Mistake("the image is in fractions of its size", told, change, if_nothing_fits=sigma_too)
-
-
-def _apply_both(first: Change, second: Change, task: MatchingTask) -> MatchingTask:
-    return second(first(task))
 
 
 def _sizes(camera: Any) -> Any:
@@ -280,13 +279,21 @@ def _lens_mistakes(
 ) -> Iterator[Mistake]:
     if not any(isinstance(camera, Camera | Rig) for camera in cameras.values()):
         return
+
+    def shifted(x: float, y: float) -> Change:
+        return filmed(lambda own: replace(own, cx=own.cx + x, cy=own.cy + y))
+
     for factor, size in ((2.0, "half"), (0.5, "twice")):
         mistake = f"the camera was calibrated at {size} the size of the image"
         yield Mistake(mistake, f"multiply fx, fy, cx and cy by {factor:g}", filmed(partial(_scale_camera, factor)))
     lenses = [one.lens for camera in cameras.values() for one in getattr(camera, "cameras", (camera,))]
     if any(isinstance(lens, Brown) and len(lens.values) in (4, 5) for lens in lenses):
         remedy = "use Camera.from_opencv_fisheye(K, D)"
-        yield Mistake("the lens' coefficients are those of a fisheye", remedy, filmed(_to_fisheye))
+        yield Mistake(
+            "the lens' coefficients are those of a fisheye",
+            remedy,
+            filmed(_to_fisheye),
+        )
     if any(isinstance(lens, KannalaBrandt) for lens in lenses):
         yield Mistake("the lens' coefficients are Brown's", "use Camera.from_opencv(K, dist)", filmed(_to_brown))
     if any(lens is not None for lens in lenses):
@@ -297,9 +304,8 @@ def _lens_mistakes(
     shifts = [(x, y) for x in (0.5, -0.5) for y in (0.5, -0.5)]
     for half in (0.5, -0.5):
         remedy = f"add {half:g} to cx and cy: OpenCV counts the first pixel's centre as (0, 0), COLMAP as (0.5, 0.5)"
-        rivals = tuple(filmed(partial(_shift_centre, by)) for by in shifts if by != (half, half))
-        change = filmed(partial(_shift_centre, (half, half)))
-        yield Mistake("the principal point is off by half a pixel", remedy, change, rivals=rivals)
+        rivals = tuple(shifted(x, y) for x, y in shifts if (x, y) != (half, half))
+        yield Mistake("the principal point is off by half a pixel", remedy, shifted(half, half), rivals=rivals)
 
 
 def _change_camera(camera: Any, change: Callable[[Camera], Camera]) -> Any:
@@ -321,10 +327,6 @@ def _scale_camera(factor: float, camera: Camera) -> Camera:
     fx, fy, cx, cy = (factor * one for one in camera.numbers)
     size = None if camera.size is None else (factor * camera.size[0], factor * camera.size[1])
     return replace(camera, fx=fx, fy=fy, cx=cx, cy=cy, size=size)
-
-
-def _shift_centre(by: tuple[float, float], camera: Camera) -> Camera:
-    return replace(camera, cx=camera.cx + by[0], cy=camera.cy + by[1])
 
 
 def _to_fisheye(camera: Camera) -> Camera:

@@ -10,9 +10,12 @@ from numpy.typing import ArrayLike
 
 from rootmatch.arrays import Bools, Floats, Integers, as_floats
 from rootmatch.cameras.rig import Rig
+from rootmatch.cameras.vertical import unit_direction
 from rootmatch.errors import InputError, quote_value
 from rootmatch.problems.base import Problem
-from rootmatch.problems.noise import as_covariances
+from rootmatch.problems.noise import add_calibration_noise, as_covariances
+from rootmatch.problems.points import PointSets
+from rootmatch.problems.up2p import UP2P
 
 LARGEST_PRIOR = 1e9
 """Largest prior weight of a correspondence: it is added to weights of hyper-edges, at most 1 each, which then lose 1e-7
@@ -157,3 +160,19 @@ def check_callable(name: str, value: Any, purpose: str) -> None:
     """Refuse anything that cannot be called, classes included; None passes."""
     if value is not None and (isinstance(value, type) or not callable(value)):
         raise InputError(f"{name}: {quote_value(value)} given; give {purpose}")
+
+
+def allow_for_calibration(problem: Problem, points: PointSets) -> tuple[PointSets, Floats | None]:
+    """Points with the errors of a calibration in their noise, and that part (n',) of it; None if it is exact.
+
+    Raises `InputError` if the problem takes no account of such errors.
+    """
+    if not any(getattr(getattr(problem, name, None), "is_uncertain", False) for name in ("camera", "camera2")):
+        return points, None
+    if not problem.takes_prior:
+        told = "leave out focal_noise and centre_noise, which the poses of P3P and UP2P alone allow for"
+        raise InputError(f"camera: not exact, and {problem.name} takes no account of that; {told}")
+    camera, axes = problem.camera, np.eye(3)  # type: ignore[attr-defined]
+    if isinstance(problem, UP2P) and problem.vertical_noise == 0.0:
+        axes = unit_direction(problem.vertical_camera, problem.name)[None]
+    return add_calibration_noise(points, camera, axes)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Integers
 from rootmatch.explain.image_hypotheses import Candidate, select_determined
 from rootmatch.explain.likeness import symmetry_images
 from rootmatch.explain.task import MatchingTask
@@ -18,7 +18,6 @@ from rootmatch.model.modes import Modes
 from rootmatch.model.proposals import Proposals, empty_proposals, join_proposals, look_alikes, refit_proposals
 from rootmatch.model.zoom_model import ZoomModel, decode_zoom
 from rootmatch.problems.base import Problem
-from rootmatch.problems.pose_fit.prior_residuals import Upright
 from rootmatch.problems.pose_fit.zoom_pose import ZoomFits, zoom_fits, zoom_starts
 from rootmatch.problems.up2pf import UP2PF
 
@@ -46,7 +45,7 @@ class ZoomCandidate(Candidate):
 
     @staticmethod
     def make_model(task: MatchingTask) -> ZoomModel:
-        """See `Candidate.modelled`."""
+        """See `Candidate.make_model`."""
         problem, points = task.problem, task.points
         assert isinstance(problem, UP2PF)
         return ZoomModel.of(
@@ -57,20 +56,11 @@ class ZoomCandidate(Candidate):
 
     def poses_of(self, rows: Integers) -> Proposals:
         """See `Candidate.poses_of`: of whole hyper-edges, as three matches have hardly fewer poses than a body."""
-        if not len(rows):
-            return empty_proposals(self.task.rows)
-        return self._pose_fits(
-            rows, zoom_starts(self.task.points, *self._camera, rows, usual=self.model.camera.focal, most=1)
-        )
+        return self._pose_fits(zoom_starts, rows, 1)
 
     def proposals(self, assignments: Sequence[Integers]) -> Proposals:
         """See `Candidate.proposals`: the lowest fits of each."""
-        rows = select_determined(self.task, assignments)
-        if not len(rows):
-            return empty_proposals(self.task.rows)
-        return self._pose_fits(
-            rows, zoom_fits(self.task.points, *self._camera, rows, usual=self.model.camera.focal, most=VALLEYS)
-        )
+        return self._pose_fits(zoom_fits, select_determined(self.task, assignments), VALLEYS)
 
     def fitted(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
         """See `Candidate.fitted`: each at several poses."""
@@ -93,14 +83,14 @@ class ZoomCandidate(Candidate):
             parts.append(every._replace(rotation=own))
         return join_proposals(parts)
 
-    @property
-    def _camera(self) -> tuple[Floats, Upright]:
-        """Principal point and vertical."""
-        assert isinstance(self.task.problem, UP2PF)
-        return np.array(self.task.problem.centre), self.task.problem.upright
-
-    def _pose_fits(self, rows: Integers, fits: ZoomFits) -> Proposals:
-        """Assignments (K, n) with those of their fits that there are."""
+    def _pose_fits(self, fit: Callable[..., ZoomFits], rows: Integers, most: int) -> Proposals:
+        """Assignments (K, n) with their lowest fits, as many as ``most``, of those that there are."""
+        problem = self.task.problem
+        assert isinstance(problem, UP2PF)
+        if not len(rows):
+            return empty_proposals(self.task.rows)
+        centre, usual = np.array(problem.centre), self.model.camera.focal
+        fits = fit(self.task.points, centre, problem.upright, rows, usual=usual, most=most)
         of, which = np.nonzero(np.isfinite(fits.chi2))
         rotation = self.model.encode_focal(fits.rotation[of, which], fits.log_focal[of, which])
         return Proposals(rows[of], rotation, fits.position[of, which])

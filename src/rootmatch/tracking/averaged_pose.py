@@ -51,16 +51,7 @@ LEAST = 0.25
 def average_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
     """The pose of one of some modes, averaged over its changes, then along its weak directions, one after another.
 
-    Parameters
-    ----------
-    model : DetectionModel
-    modes : Modes
-    k : int
-
-    Returns
-    -------
-    Pose
-        Of the points as they were given, with its covariance, and with the errors that it has by those of the points.
+    Of the points as they were given, with its covariance, and with the errors that it has by those of the points.
     """
     R, position, covariance = _average_over_changes(modes, k)
     a, b, c, *of_place = covariance.diagonal().tolist()

@@ -4,7 +4,7 @@ If the two halves of a headset are copies of each other to within fractions of a
 other. The pose and its near-symmetric pose then agree in frame after frame, and each frame adds a little to the odds
 (multiple hypothesis tracking, Reid 1979). Each hypothesis is therefore a motion filter with a weight; together they are
 the prior of the next frame, and the modes of that frame's posterior are the next hypotheses. No frame decides for good:
-the prior reserves the share `rootmatch.explain.rivals.DOUBT` for the case that none of them is right.
+the prior reserves the share `rootmatch.explain.prior_validation.DOUBT` for the case that none of them is right.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import mode_misfit
+from rootmatch.explain.prior_validation import DOUBT, Rivals
 from rootmatch.explain.rig_triples import is_met_by_search
-from rootmatch.explain.rivals import DOUBT, Rivals
 from rootmatch.frozen import copy_with
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Doubted
@@ -28,12 +28,9 @@ from rootmatch.model.priors import IN_VIEW, PRESENT_ODDS, WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import average_pose
-from rootmatch.tracking.followed_motion import update_motion
 from rootmatch.tracking.followed_places import (
-    ANYTHING,
     LOOKED_AT,
     GonePlaces,
-    LastFrame,
     absence_chance,
     clutter_after,
     copy_chance,
@@ -49,6 +46,7 @@ from rootmatch.tracking.followed_pose import (
     pool_place_weights,
     share_misfit_odds,
     unify_alike_moves,
+    update_motion,
 )
 from rootmatch.tracking.mistaken_identity import (
     FLOOR,
@@ -59,7 +57,6 @@ from rootmatch.tracking.mistaken_identity import (
     update_identity,
 )
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
-from rootmatch.tracking.two_states import log_chance
 from rootmatch.tracking.weighed_modes import LIKELY, WeighedModes, weigh_modes
 
 MOST = 4
@@ -71,15 +68,7 @@ DOUBTED = 1e-3
 
 
 class Belief:
-    """The hypotheses of one body's pose; none while it is lost.
-
-    Parameters
-    ----------
-    source : (n, 3) array
-        Its points.
-    motion : MotionOptions
-        How fast it may move.
-    """
+    """The hypotheses of one body's pose; none while it is lost. ``source``: (n, 3) its points."""
 
     def __init__(self, source: Floats, motion: MotionOptions) -> None:
         self.source, self.motion = source, motion
@@ -222,19 +211,20 @@ class Belief:
         if self.poses and isinstance(model.prior, Doubted):
             assert told.origins is not None
             origin, doubt = told.origins[:LOOKED_AT], model.prior.doubt
-        log_shares = log_chance(np.concatenate([shares * (1.0 - doubt), [doubt]]))  # the last is that of a new one
+        log_shares = np.log(np.maximum([*(shares * (1.0 - doubt)), doubt], 1e-300))  # the last is that of a new one
         back = self.presence_after_return(time)
         nothing = math.log(max(clutter_after(told, back), 1e-300)) - back
         continued = origin >= 0
         if origin.size > 1:  # what is less probable than that the frame does not show the body continues nothing
-            continued &= log_chance(told.probabilities[: len(origin)]) >= nothing + log_shares[origin]
+            log_chances = np.log(np.maximum(told.probabilities[: len(origin)], 1e-300))
+            continued &= log_chances >= nothing + log_shares[origin]
         first = int(continued.argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
         weighed, self.most = weigh_modes(
             found, origin, log_shares, (first, often), poses=self.poses, most=self.most, time=time
         )
         go_on = weighed.steps(found, model, nothing, log_shares)
-        own = (log_chance(shares) if doubt == 1.0 else log_shares[:-1] - math.log1p(-doubt)).tolist()
+        own = (np.log(np.maximum(shares, 1e-300)) if doubt == 1.0 else log_shares[:-1] - math.log1p(-doubt)).tolist()
         stay = [self._keep_unmatched(k, often * nothing, go_on, own) for k in range(len(self.poses))]
         stay = [one for one in stay if one.origin not in {step.origin for step in go_on}]
         self._follow(found, weighed, sorted([*stay, *go_on], key=lambda one: -one.total), time)
@@ -242,9 +232,7 @@ class Belief:
 
     def _follow(self, found: Finding, weighed: WeighedModes, after: list[Step], time: float) -> None:
         """Follow the likeliest of the hypotheses that may be ``after`` a frame, the most probable first."""
-        told, model, modes, origin = found.posterior, found.model, weighed.modes, weighed.origin
-        assert told is not None
-        assert model is not None
+        (told, model), modes, origin = found.judged, weighed.modes, weighed.origin
         # no frame makes more of a place than it is, so one that is less probable than a wrong model never counts
         least = [math.log(WRONG_MODEL) if one.place != after[0].place else -NEGLIGIBLE for one in after]
         likely = [one for one, gap in zip(after, least, strict=True) if one.total > after[0].total + gap][:MOST]
@@ -292,10 +280,11 @@ class Belief:
         if seen:
             return log_return(self.poses[0], time)
         before, since = (1.0, self.best.time) if self.poses else (self.absent, self.time)
-        last, told = ANYTHING, found.posterior
+        last, told = dict[str, float](), found.posterior
         if self.room and told is not None and found.model is not None and mode < len(told.probabilities):
-            last = LastFrame(time - self.room[0], overlooked_chance(found.model, told.modes, mode, self.room[1]))
-        return log_absence(before, time - since, time - self.excluded, last)
+            overlooked = overlooked_chance(found.model, told.modes, mode, self.room[1])
+            last = {"ago": time - self.room[0], "overlooked": overlooked}
+        return log_absence(before, time - since, time - self.excluded, **last)
 
     def log_other(self, k: int, pose: Pose | None, time: float, found: Finding, assignment: Integers) -> float:
         """Log-odds that what is found with a pose is something else, before it is known how well it fits.
@@ -311,8 +300,7 @@ class Belief:
 
     def _advance(self, step: Step, found: Finding, modes: Modes, time: float, seen: bool) -> FollowedPose:
         """The hypothesis that a step leads to; ``seen``: whether the body is where it is followed."""
-        model = found.model
-        assert model is not None
+        _, model = found.judged
         if step.mode is None:
             return copy_with(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
         pose = average_pose(model, modes, step.mode)
@@ -328,10 +316,8 @@ class Belief:
             last = self.poses[step.origin]
             moving = last.filter.copy()
             moving.update(pose, time, step.chance)
-        if step.mode == found.mode and (factor := found.noise_factor) is not None:
-            misfit = Misfit(factor**2, factor, found.noise_dof, found.alike, found.another)
-        else:
-            misfit = mode_misfit(model, modes, step.mode)
+        misfit = Misfit.told_by(found) if step.mode == found.mode else None
+        misfit = misfit or mode_misfit(model, modes, step.mode)
         stands = found.status is Status.MATCHED or math.isfinite(step.weighed)
         shows = stands + (last.shows if step.origin >= 0 and last.filter.time == self.time else 0)
         before = self.log_other(step.origin, pose, time, found, modes.assignments[step.mode])

@@ -1,14 +1,24 @@
-"""How certain a frame's finding is by the frames before it, and why not."""
+"""How certain a frame's finding is by the frames before it, why not, and what is left of it.
+
+That one point may show something else makes no pose doubtful which many others determine. Otherwise a body whose
+points are hidden now and then, each of them for a frame, is hardly trusted at all: doubtful matches are left out, as
+those are that are doubtful by an image alone.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
+import numpy as np
+
+from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.image_decision import KEPT
 from rootmatch.explain.point_set_decision import matches_pose
+from rootmatch.frozen import copy_with
+from rootmatch.model.pose_density import LEAST
+from rootmatch.model.posterior import Others, drop_doubtful_matches
 from rootmatch.model.priors import COPY, PRESENT_ODDS, probability
-from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.followed_places import clutter_after, log_return, return_factor, share_unseen, sole_odds_of
 from rootmatch.tracking.followed_pose import FollowedPose
@@ -17,16 +27,11 @@ ALIKE = "it may be something else of nearly its shape, as not every frame fitted
 GAVE_UP = "what was followed in its line of sight a moment ago did not fit"
 
 
-class Certainty(NamedTuple):
-    """Probability that what a frame shows is the body, as far as that frame does not tell, and what speaks against."""
+def pose_certainty(belief: Belief, found: Finding, time: float) -> tuple[float, str]:
+    """Probability that what holds in a frame is the body and no pose was left out, as far as that frame does not tell.
 
-    chance: float
-    reason: str
-    """What most of the doubt is about."""
-
-
-def pose_certainty(belief: Belief, found: Finding, time: float) -> Certainty:
-    """How certain it is that what holds in a frame is the body, and that no pose was left out."""
+    With what most of the doubt is about.
+    """
     holds, told = bool(found.prior_holds) and bool(belief.poses), found.posterior
     absent = log_return(belief.poses[0], time) if holds else belief.log_absent(found, found.mode, time, seen=False)
     sure = {
@@ -39,7 +44,9 @@ def pose_certainty(belief: Belief, found: Finding, time: float) -> Certainty:
         sure["it was not in view a moment ago, and little shows it now"] = returned
     origins = None if told is None else told.origins
     goes_on = -1 if not holds else 0 if origins is None else max(int(origins[found.mode]), 0)
-    pose = None if belief.given_up is None else found.pose or _pose_in_space(found)
+    pose = None if belief.given_up is None else found.pose
+    if belief.given_up is not None and pose is None and found.labellings is not None:
+        pose = matches_pose(found)  # between two point sets a finding has none of its own where no prediction holds
     if holds:
         unseen = share_unseen(found, belief.poses, belief.places) if len(belief.poses) > 1 else 0.0
         sure |= {
@@ -50,7 +57,7 @@ def pose_certainty(belief: Belief, found: Finding, time: float) -> Certainty:
     if holds or pose is not None:
         other = belief.log_other(goes_on, pose, time, found, found.assignment)
         sure[ALIKE if holds else GAVE_UP] = probability(-other)
-    return Certainty(math.prod(sure.values()), min(sure, key=sure.__getitem__))
+    return math.prod(sure.values()), min(sure, key=sure.__getitem__)
 
 
 def _seen_chance(followed: FollowedPose, found: Finding) -> float:
@@ -61,6 +68,25 @@ def _seen_chance(followed: FollowedPose, found: Finding) -> float:
     return probability(PRESENT_ODDS + followed.told_with(lambda: sole_odds_of(model, told.modes, found.mode)))
 
 
-def _pose_in_space(found: Finding) -> Pose | None:
-    """The pose of a finding of two point sets, which has none of its own where no prediction holds."""
-    return None if found.labellings is None else matches_pose(found)
+def drop_doubtful(found: Finding, weighed: Finding) -> Finding:
+    """What was found without the matches that are doubtful, if it is trusted then; else as it was weighed.
+
+    ``found``: by a frame, about a predicted pose; ``weighed``: with the confidence that the frames before leave.
+    """
+    least, told, confidence = found.facts.min_probability, found.posterior, weighed.confidence
+    if found.status is not Status.MATCHED or weighed.status is Status.MATCHED or told is None or confidence is None:
+        return weighed
+    matched = found.assignment >= 0
+    pose = float(confidence[matched].max(initial=0.0))
+    if pose < least:
+        return weighed
+    believed = drop_doubtful_matches(found.assignment, confidence, pose, least, pose=pose)
+    kept, every = believed.assignment >= 0, np.count_nonzero(told.modes.assignments[found.mode] >= 0)
+    if np.count_nonzero(kept) < LEAST or believed.known < KEPT * every:
+        return weighed
+    return copy_with(
+        found.with_facts(probability=believed.probability),
+        assignment=believed.assignment,
+        confidence=np.where(matched & ~kept, 1.0 - confidence, confidence),
+        others=Others(told, TRUST.alternatives, than=believed.assignment),
+    )

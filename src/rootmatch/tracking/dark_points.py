@@ -20,10 +20,9 @@ from rootmatch.model.detection_model import USUAL_RATE
 from rootmatch.model.elsewhere import MOST, seen_elsewhere
 from rootmatch.model.image_alike import REACH
 from rootmatch.model.priors import WRONG_MODEL
-from rootmatch.tracking.followed_places import return_factor
+from rootmatch.tracking.followed_places import later_chance, return_factor
 from rootmatch.tracking.foreign_lights import LIT, ForeignLights, missed
 from rootmatch.tracking.mistaken_identity import FLOOR, TEMPER
-from rootmatch.tracking.two_states import later_chance
 
 LASTS = 0.25
 """Seconds within which a dark point may be lit as probably as any. A round value: as long as a hand takes to pass."""
@@ -90,9 +89,10 @@ class DarkPoints:
         return found.lower_probability(chance * less, np.where(matched, whole * told, sure))
 
     def take(self, found: Finding, time: float, log_back: float = 0.0) -> None:
-        """Learn from a frame, if the body is more probably in it than not; ``log_back``: see `Belief.returned`.
+        """Learn from a frame, if the body is more probably in it than not.
 
-        If it was not seen in the last frame, its matches are as probable as that it is in view now.
+        If it was not seen in the last frame, its matches are as probable as that it is in view now; ``log_back``: see
+        `Belief.presence_after_return`.
         """
         told, sure = found.posterior, found.confidence
         if told is None or sure is None or not len(told.probabilities):
@@ -131,8 +131,7 @@ class DarkPoints:
             self.frames, self.more, self.elsewhere = min(self.frames + 1, REMEMBERED), FLOOR, []
             self.left += (_count_about(found) - self.left) / self.frames
             return
-        assert found.posterior is not None
-        shown = found.posterior.modes.visible[found.mode].reshape(matched.shape)[:, dark].sum()
+        shown = found.judged[0].modes.visible[found.mode].reshape(matched.shape)[:, dark].sum()
         own, usual = USUAL_RATE * float(shown), self.left + 0.5
         gained = self._count_again(found) * math.log1p(own / usual) - own
         most = np.count_nonzero(dark) * math.log(ANOTHER / (1.0 - USUAL_RATE))
@@ -143,9 +142,8 @@ class DarkPoints:
 
         What does not move as the body does takes all back that was told of it.
         """
-        assert found.model is not None
-        assert found.posterior is not None
-        seen, count = seen_elsewhere(found.model, found.posterior.modes, found.mode), 0
+        told, model = found.judged
+        seen, count = seen_elsewhere(model, told.modes, found.mode), 0
         for place, covariance, sightings in seen:
             mean, frames = place, 1
             for k, (before, often) in enumerate(self.elsewhere):
@@ -164,9 +162,7 @@ class DarkPoints:
 
 def _count_about(found: Finding) -> int:
     """Number of detections without a match that may be points of the body, if these are elsewhere on it."""
-    model, told = found.model, found.posterior
-    assert model is not None
-    assert told is not None
+    told, model = found.judged
     left, own = np.ones(model.shape[1], np.bool_), slice(found.mode, found.mode + 1)
     left[told.modes.assignments[own][told.modes.assignments[own] >= 0]] = False  # also what is doubtful
     if not left.any():

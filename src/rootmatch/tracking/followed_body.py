@@ -12,21 +12,19 @@ from rootmatch.errors import InputError
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import is_search_needless
+from rootmatch.explain.prior_validation import DOUBT, Rivals
 from rootmatch.explain.rig_triples import is_met_by_search
-from rootmatch.explain.rivals import DOUBT, Rivals
 from rootmatch.frozen import copy_with
 from rootmatch.model.priors import PRESENT, WRONG_MODEL
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
-from rootmatch.tracking.certainty import Certainty, pose_certainty
+from rootmatch.tracking.certainty import drop_doubtful, pose_certainty
 from rootmatch.tracking.dark_points import DarkPoints
-from rootmatch.tracking.doubtful_matches import drop_doubtful
-from rootmatch.tracking.followed_places import RETURN
+from rootmatch.tracking.followed_places import RETURN, later_chance
+from rootmatch.tracking.followed_pose import NarrowedPredictions
 from rootmatch.tracking.mistaken_identity import FLOOR
 from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionOptions
-from rootmatch.tracking.narrowed_predictions import NarrowedPredictions
-from rootmatch.tracking.two_states import later_chance
 
 LONGEST = 8
 """Times `TrackingOptions.search_every` that may lie between two searches for a followed body. A round value: bodies are
@@ -68,36 +66,31 @@ class TrackingOptions(Options):
     interval : float
         Seconds between frames that are given without a time.
     coasting : float
-        Seconds without a match after which a body is lost: at a frame a second, the default takes one missed frame.
+        Seconds without a match after which a body is lost, whatever the interval: three intervals or more let it be
+        missed in a frame or two. At a frame a second, the default takes one missed frame.
     present : float
-        Detections, relative to the last matched frame, from which a frame whose prediction fails is searched.
+        Number of detections, relative to the last matched frame, from which a frame whose prediction fails is searched:
+        with fewer, the body is hidden. A round value.
     search_budget : int
-        Evaluations of a search at 60 frames a second, in proportion more at longer intervals; the next one draws other
-        minimal sets. Larger for a body of many points, such as a map, where a long frame does no harm.
+        Evaluations of a search at 60 frames a second, in proportion more at longer intervals, all but that of the first
+        frame: with what else is done in such a frame, 5 to 10 ms. The next search draws other minimal sets. A lost body
+        takes no more evaluations by short searches than by long ones: 64 bodies among 4 to 40 other detections were
+        searched for in 1,933 frames with 30,000 (eight were not found in 120), in 1,518 with 60,000 (six), and in 945
+        with 120,000 (two). A round value, larger for a body of many points, such as a map, where a long frame does no
+        harm.
     search_every : int
-        Frames before a followed body is searched for elsewhere.
+        Frames before a followed body is searched for if another pose may explain more, twice as many after each search
+        that finds none, up to eight times; and between doubts about its poses. A round value.
     motion : MotionOptions
         How fast a body, or the camera, may move.
     """
 
     interval: float = option(1.0 / 60.0, above=0.0)
-    """Seconds between frames that are given without a time."""
     coasting: float = option(0.5, least=0.0)
-    """Seconds without a match after which a body is lost, whatever the interval: three intervals or more let it be
-    missed in a frame or two."""
     present: float = option(0.7, least=0.0)
-    """Number of detections, relative to the last matched frame, from which a frame is searched: with fewer, the body is
-    hidden. A round value."""
     search_budget: int = option(60_000, least=1)
-    """Evaluations of a search, all but that of the first frame: with what else is done in such a frame, 5 to 10 ms. A
-    lost body takes no more evaluations by short searches than by long ones: 64 bodies among 4 to 40 other detections
-    were searched for in 1,933 frames with 30,000 (eight were not found in 120), in 1,518 with 60,000 (six), and in 945
-    with 120,000 (two). A round value."""
     search_every: int = option(10, least=1)
-    """Frames before a followed body is searched for if another pose may explain more, twice as many after each search
-    that finds none, up to eight times; and between doubts about its poses. A round value."""
     motion: MotionOptions = option(DEFAULT_MOTION)
-    """How fast a body may move."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -111,13 +104,7 @@ class TrackingOptions(Options):
 class FollowedBody:
     """One body: the belief about its pose, and the frames in which it was not found.
 
-    Parameters
-    ----------
-    source : (n, 3) array
-        Its points.
-    options : TrackingOptions
-    symmetries : list of (R, t)
-        Motions after which the body looks the same from some side.
+    ``source``: (n, 3) its points; ``symmetries``: motions (R, t) after which it looks the same from some side.
     """
 
     def __init__(
@@ -256,7 +243,7 @@ class FollowedBody:
         ``searched``: whether this frame was searched.
         """
         weighed = self.dark.weighed(found, time) if self.belief and found.prior_holds else found
-        certain, why = Certainty(1.0, "")
+        certain, why = 1.0, ""
         if found.status is Status.MATCHED:
             certain, why = pose_certainty(self.belief, weighed, time)
         sure, least = weighed.confidence, found.facts.min_probability
@@ -344,6 +331,5 @@ def _is_enough(found: Finding, of_several: bool = False) -> bool:
     """Whether no pose elsewhere could explain more than what was found; see `is_search_needless`."""
     if found.task.problem.takes_motion_prior:
         return True  # two point sets: every motion was weighed
-    assert found.model is not None
-    assert found.posterior is not None
-    return is_search_needless(found.model, found.posterior, found.task.minimal, of_several=of_several)
+    told, model = found.judged
+    return is_search_needless(model, told, found.task.minimal, of_several=of_several)

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import TypeVar
 
 import numpy as np
 
@@ -35,8 +35,8 @@ from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import COPY, IN_VIEW, PRESENT_ODDS, probability
 from rootmatch.tracking.followed_pose import FollowedPose
 from rootmatch.tracking.mistaken_identity import FLOOR
-from rootmatch.tracking.two_states import later_chance
 
+Chance = TypeVar("Chance", float, Floats)
 RETURN = 1.0
 """Seconds within which a body that was not in view may be so as probably as any. A round value: of ten tools of five
 markers, three of them in view among four strays, 7 of 186 trusted matches of one flight were of absent ones without it,
@@ -46,16 +46,11 @@ LOOKED_AT = 8
 
 
 class GonePlaces:
-    """What is known of places that are not followed any more.
-
-    Attributes
-    ----------
-    share : float
-        Probability that the body was in one of them, rather than in those that are followed.
-    """
+    """What is known of places that are not followed any more."""
 
     def __init__(self) -> None:
         self.share = self._most = 0.0
+        """Probability that the body was in one of them, rather than in those that are followed; of the likeliest."""
 
     def add(self, before: Mapping[int, float], after: Mapping[int, float], things: Mapping[int, float]) -> None:
         """Give up some of the places with their shares, those that are not among the places after.
@@ -63,12 +58,7 @@ class GonePlaces:
         If none is left, what is found next may be of any of them, and is so best with the share of the largest. It
         comes back as probably as any of the other things, so its share counts for less the more of them there are.
 
-        Parameters
-        ----------
-        before, after : dict
-            Shares of the places.
-        things : dict
-            Probability that each place has something that lasts, whether or not it is the body.
+        ``things``: probability that each place has something that lasts, whether or not it is the body.
         """
         every = [(1.0 - self.share) * share for place, share in before.items() if place not in after]
         self._most = max([self._most, *every])
@@ -96,15 +86,8 @@ def sort_into_places(
     Of what is expected in several places, which points are shown tells nothing: either may be that of something else,
     which shows the same. So ``shown`` (M,), the log-probability of the points that each shows, changes.
 
-    Parameters
-    ----------
-    model : DetectionModel
-    modes : Modes
-        The most probable first.
-    origin : (M,) int array
-        The followed hypothesis that each goes on from; −1 for a new one.
-    followed : sequence of FollowedPose
-    shown : (M,) float64 array
+    ``modes``: the most probable first; ``origin``: (M,) the followed hypothesis that each goes on from, −1 for a new
+    one.
     """
     known = [one.place for one in followed]
     alone, more = np.full(len(origin), max((one.alone for one in followed), default=-math.inf)), np.zeros(len(origin))
@@ -140,14 +123,9 @@ def share_unseen(found: Finding, poses: Sequence[FollowedPose], places: Mapping[
 def assign_places(uses: Bools, origin: Integers, followed: Sequence[int]) -> Integers:
     """The place (M,) of each mode: that of the others that share detections with it.
 
-    Parameters
-    ----------
-    uses : (M, n') bool array
-        The detections of each mode, the most probable first.
-    origin : (M,) int array
-        The followed hypothesis that each goes on from; −1 for a new one.
-    followed : sequence of int
-        The place of each hypothesis, which its first mode keeps. New places have numbers that are not among these.
+    ``uses``: (M, n') the detections of each mode, the most probable first. ``origin``: (M,) the followed hypothesis
+    that each goes on from, −1 for a new one. ``followed``: the place of each hypothesis, which its first mode keeps;
+    new places have numbers that are not among these.
     """
     count = len(uses)
     out, new = np.full(count, -1), max(followed, default=-1) + 1
@@ -191,6 +169,11 @@ def copy_chance(alone: float) -> float:
     return COPY * math.exp(log_weight(alone))
 
 
+def later_chance(chance: Chance, usual: float, seconds: float, lasts: float) -> Chance:
+    """Probability of what may change, some seconds later: back to the ``usual`` one, by e within ``lasts`` seconds."""
+    return usual + (chance - usual) * math.exp(-seconds / lasts)
+
+
 def absence_chance(before: float, seconds: float) -> float:
     """Probability that a body is not in view, some seconds after it was not with another probability."""
     return later_chance(before, 1.0 - IN_VIEW, seconds, RETURN)
@@ -219,19 +202,6 @@ def clutter_after(told: Posterior, log_odds: float) -> float:
     return told.clutter - (1.0 - came) * told.copy
 
 
-class LastFrame(NamedTuple):
-    """What the last frame tells of a thing that is met now: it was not in view then, if there was no room for it."""
-
-    ago: float = 0.0
-    """Seconds."""
-    overlooked: float = 1.0
-    """Probability that the thing was in view then, and showed no more than what was left there, see `overlooked`."""
-
-
-ANYTHING = LastFrame()
-"""A last frame that tells nothing."""
-
-
 def overlooked_chance(model: DetectionModel, modes: Modes, mode: int, left: int) -> float:
     """Probability that what is in view with a mode has no more than so many detections in another frame.
 
@@ -248,26 +218,23 @@ def overlooked_chance(model: DetectionModel, modes: Modes, mode: int, left: int)
     return float(weight @ seen / weight.sum())
 
 
-def log_absence(before: float, seconds: float, unsearched: float, last: LastFrame = ANYTHING) -> float:
+def log_absence(
+    before: float, seconds: float, unsearched: float, *, ago: float = 0.0, overlooked: float = 1.0
+) -> float:
     """Log-odds that a body is not in view where it seems to be found: that a copy came, to that the body came back.
 
     A copy is there at any time with the same probability, and comes as seldom as the body does: since a search that met
     none, or a frame that had no room for one, there was less time for it. In that frame the body was not there either.
 
-    Parameters
-    ----------
-    before : float
-        Probability that the body was not in view some ``seconds`` ago.
-    seconds : float
-    unsearched : float
-        Seconds since the last search that would have met a copy.
-    last : LastFrame
+    ``before``: probability that the body was not in view some ``seconds`` ago; ``unsearched``: seconds since the last
+    search that would have met a copy; ``ago``: since the last frame that tells of a copy, and with which probability
+    that was ``overlooked`` in it, see `overlooked_chance`.
     """
-    ago = min(last.ago, seconds)
+    ago = min(ago, seconds)
     absent = absence_chance(before, seconds - ago)
-    absent = absence_chance(absent / (absent + (1.0 - absent) * last.overlooked), ago)
+    absent = absence_chance(absent / (absent + (1.0 - absent) * overlooked), ago)
     new, came = (-math.expm1(-min(time, unsearched) / RETURN) for time in (ago, unsearched))
-    return math.log(absent) - math.log1p(-absent) + math.log(new + (came - new) * last.overlooked)
+    return math.log(absent) - math.log1p(-absent) + math.log(new + (came - new) * overlooked)
 
 
 def log_return(followed: FollowedPose, now: float) -> float:

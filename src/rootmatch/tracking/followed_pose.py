@@ -1,4 +1,4 @@
-"""A hypothesis of a body's pose that is followed, and what becomes of it in a frame."""
+"""A hypothesis of a body's pose that is followed, and what becomes of it in a frame of images or of point sets."""
 
 from __future__ import annotations
 
@@ -10,15 +10,23 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.explain.decide import Status
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.goodness_of_fit import Misfit
+from rootmatch.explain.point_set_decision import matches_pose
 from rootmatch.frozen import copy_with
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
 from rootmatch.model.parallel_poses import motion_between_modes
-from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP
-from rootmatch.tracking.motion_filter import MotionFilter
+from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, log_other_presence, update_identity
+from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
 
 TOLD = math.log(1e6)
 """Log-odds from which frames are not asked any more what they tell for themselves. A round value; it bounds time."""
+SURE = 2.0 * FLOOR
+"""Log-odds of something else from which what is followed is the body, as long as each match of point sets shows it.
+Nothing else comes to be where points of space are predicted, to the noise, and a marker may be bent meanwhile. A round
+value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +40,7 @@ class FollowedPose:
     which the place was trusted, or weighed among several; ``weighed``: `log_weight` by which it was weighed last.
     ``since``: when the place was found; ``log_absent``: log-odds that the body was not in view then. ``unfollowed``:
     probability, if the body is in that place, of poses that a frame left possible there and that are not followed.
-    ``told``: log-odds of what it shows against clutter that persists, by ``frames``; see `told_odds`.
+    ``told``: log-odds of what it shows against clutter that persists, by ``frames``; see `told_with`.
     """
 
     filter: MotionFilter
@@ -98,15 +106,8 @@ class Step(NamedTuple):
 def temper(evidence: Floats, origin: Integers, often: float) -> Floats:
     """Logarithms (M,) of evidence of modes that counts for less; what several of one hypothesis have, counts once.
 
-    Otherwise a hypothesis that a frame splits into two gains by that.
-
-    Parameters
-    ----------
-    evidence : (M,) array
-    origin : (M,) int array
-        The hypothesis of each; −1 for a new one, which each is.
-    often : float
-        Weight of a frame's evidence.
+    Otherwise a hypothesis that a frame splits into two gains by that. ``origin``: (M,) the
+    hypothesis of each, −1 for a new one, which each is; ``often``: weight of a frame's evidence.
     """
     out = often * evidence
     if len(out) < 2:
@@ -142,11 +143,7 @@ def share_misfit_odds(poses: Sequence[FollowedPose], left: tuple[int, float] | N
     What is in a place, and does not fit the body in the most probable of its poses, is something else. Then so it is in
     the others, however well they fit: these were improbable beside the first one, and are not what is left without it.
 
-    Parameters
-    ----------
-    poses : sequence of FollowedPose
-    left : (int, float), optional
-        Place and logarithm of the weight of a pose that does not fit and is not followed at all.
+    ``left``: place and logarithm of the weight of a pose that does not fit and is not followed at all.
     """
     out, misfits = list(poses), [] if left is None else [left]
     misfits += [(one.place, one.total) for one in poses if one.log_other >= GIVEN_UP]
@@ -175,3 +172,63 @@ def unify_alike_moves(
         if (motion := motion_between_modes(model, modes, of[0], mode)) is not None:
             out[k] = copy_with(out[k], filter=out[0].filter.turned(*motion))
     return out
+
+
+class NarrowedPredictions:
+    """The frames that narrow the wide predictions of a missing body, one of several.
+
+    A wide prediction is narrowed by single matches, which takes as long as a search. So a frame does one or the other,
+    and of several predictions it narrows one.
+    """
+
+    def __init__(self) -> None:
+        self.last = self.count = 0
+
+    def of_frame(self, frame: int, predictions: int, *, searching: bool) -> tuple[int, ...]:
+        """The number of the prediction that a frame narrows; none in every other frame while a search is under way."""
+        if searching and self.last == frame - 1:
+            return ()
+        self.last, self.count = frame, self.count + 1
+        return (self.count % predictions,)
+
+
+def update_motion(
+    followed: list[FollowedPose],
+    found: Finding,
+    time: float,
+    of_body: tuple[Floats, MotionOptions],
+    given_up: MotionFilter | None,
+    *,
+    weight: float,
+) -> list[FollowedPose]:
+    """Hypotheses after a match of two point sets: only one that is trusted tells a pose.
+
+    Whether what is followed is something else, each frame tells that shows it where it was expected.
+    ``of_body``: points of the body, and how fast it may move, of a new hypothesis. ``given_up``: what was followed and
+    did not fit. ``weight``: of a frame's evidence that it is something else.
+    """
+    matched, holds = found.status is Status.MATCHED, bool(found.prior_holds and found.pose is not None and followed)
+    if holds and found.pose is not None:
+        (best,) = [*(one for one in followed if one.filter.is_near(found.pose, time)), *followed][:1]
+        if matched:
+            best.filter.update(found.pose, time)
+        return [copy_with(best, log_other=_log_other(best.log_other, found, weight))]
+    is_another = not matched and found.another >= GIVEN_UP and (found.log_odds or 0.0) > 0.0
+    pose = matches_pose(found) if matched or is_another else None
+    new = None if pose is None else MotionFilter(of_body[0], pose, time, of_body[1])
+    if not matched or pose is None or new is None:
+        # what comes into view next may be something else
+        still = [copy_with(one, log_other=max(one.log_other, FLOOR)) for one in followed[:1]]
+        return still if new is None else [*still, FollowedPose(new, log_other=found.another)]
+    log_other = FLOOR if given_up is None else log_other_presence(given_up, pose, time, None)
+    return [FollowedPose(new, log_other=_log_other(log_other, found, weight))]
+
+
+def _log_other(log_odds: float, found: Finding, weight: float) -> float:
+    """Log-odds after a frame that it shows something else, of the body as it most probably is: with points off."""
+    misfit = Misfit.told_by(found)
+    if log_odds <= SURE or misfit is None or not (found.log_odds or 0.0) > 0.0:
+        return log_odds
+    return update_identity(
+        log_odds, misfit, weight, as_off=misfit.largest_error_gain(found.task.log_inexact), least=SURE
+    )

@@ -16,10 +16,8 @@ from rootmatch.explain.finding import Finding
 from rootmatch.model.detection_model import USUAL_RATE
 from rootmatch.model.evidence import weigh_assignments
 from rootmatch.model.pose_density import Doubted
-from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.tracking.mistaken_identity import STAYS
-from rootmatch.tracking.two_states import log_chance
 
 RECENT = 0.25
 """Seconds for which a match takes part in the prediction. A round value."""
@@ -36,13 +34,7 @@ SURE = 0.99
 
 
 class ForeignLights:
-    """How probably the last match of each point was not that of something else.
-
-    Parameters
-    ----------
-    count : int
-        Number n of the points, or of their sightings by a rig.
-    """
+    """How probably the last match of each point, or of each of its sightings by a rig, was not of something else."""
 
     def __init__(self, count: int) -> None:
         self.own, self.met, self.seen = np.ones(count), np.ones(count), np.full(count, -math.inf)
@@ -73,8 +65,11 @@ class ForeignLights:
 
         ``lit`` (n,): probability that each point is lit at that time.
         """
-        if self._most is not None and _is_same_answer(self._most[0], found) and self._most[1] == time:
-            return self._most[2]
+        if self._most is not None:
+            last, when, most = self._most
+            same = last.posterior is found.posterior and last.mode == found.mode
+            if same and last.assignment is found.assignment and when == time:
+                return most
         own = self._current_probability(self.own, time)
         doubtful = ((found.assignment >= 0) & (own < SURE)).nonzero()[0]
         if len(doubtful):
@@ -87,22 +82,16 @@ class ForeignLights:
     def take(self, found: Finding, given: Floats, lit: Floats, time: float) -> None:
         """Learn from a frame.
 
-        Parameters
-        ----------
-        found : Finding
-        given : (n,) float64 array
-            Probability of each match, given the pose.
-        lit : (n,) float64 array
-            Probability that each point is lit, before the frame was seen.
-        time : float
+        ``given``: (n,) probability of each match, given the pose; ``lit``: (n,) that each point is lit, before the
+        frame was seen.
         """
         matched, met = found.assignment >= 0, self._current_probability(self.met, time)
         met = np.where(self.seen < self.time, np.minimum(met, lit), met)
         given = np.minimum(given, self.most(found, lit, time))
         if found.posterior is not None and len(found.posterior.probabilities) > 1:
-            other = _match_probability(
-                found.posterior
-            )  # what is one of several poses now, may be the only one in a moment
+            modes = found.posterior.modes.take(slice(len(found.posterior.probabilities)))
+            # what is one of several poses now, may be the only one in a moment
+            other = found.posterior.probabilities @ (modes.local * (modes.assignments >= 0))
             possible = ~matched & (other > WRONG_MODEL)
             given = np.where(possible, np.minimum(other, self._current_probability(self.own, time)), given)
             matched = matched | possible
@@ -111,35 +100,13 @@ class ForeignLights:
         self._most = None
 
 
-def _is_same_answer(first: Finding, second: Finding) -> bool:
-    """Whether two findings are of one pose and the same matches."""
-    same = first.posterior is second.posterior and first.mode == second.mode
-    return same and first.assignment is second.assignment
-
-
-def _match_probability(told: Posterior) -> Floats:
-    """Probability (n,) that each point has the match that it has in any of the modes."""
-    modes = told.modes.take(slice(len(told.probabilities)))
-    return np.asarray(told.probabilities @ (modes.local * (modes.assignments >= 0)))
-
-
 def doubtful_probability(found: Finding, doubtful: Integers, lit: Floats) -> Floats:
     """Probability (m,) of the doubtful matches by the image alone: the prediction has them in it.
 
     Summed are all of them, all but one, one beside the sure matches, and these alone. Where only as many match as
-    determine a pose, nothing tells of any: 0.
-
-    Parameters
-    ----------
-    found : Finding
-    doubtful : (m,) int array
-        Points.
-    lit : (n,) float64 array
-        Probability that each point is lit, as far as the image does not tell.
+    determine a pose, nothing tells of any: 0. ``lit``: (n,) probability of light, as far as the image does not tell.
     """
-    model, told, count = found.model, found.posterior, int(np.count_nonzero(found.assignment >= 0))
-    assert model is not None
-    assert told is not None
+    (told, model), count = found.judged, int(np.count_nonzero(found.assignment >= 0))
     if count <= DETERMINE:
         return np.zeros(len(doubtful))
     right, modes, k = _right_patterns(len(doubtful)), told.modes, slice(found.mode, found.mode + 1)
@@ -161,7 +128,7 @@ def doubtful_probability(found: Finding, doubtful: Integers, lit: Floats) -> Flo
 def _log_chance(found: Finding, right: Bools, points: Integers, lit: Floats) -> Floats:
     """Log-probability (K,) of which matches are right (K, m), by the probability (n,) that each point is lit."""
     dark = np.log(missed(found, lit)[points])
-    return np.asarray(np.where(right, log_chance(lit[points]), dark).sum(axis=1))
+    return np.asarray(np.where(right, np.log(np.maximum(lit[points], 1e-300)), dark).sum(axis=1))
 
 
 def _right_patterns(count: int) -> Bools:

@@ -3,11 +3,18 @@
 Which of two identical tools is the first one is a convention that no image tells: a frame shows a tool here and a tool
 there, and is ambiguous for either. From frame to frame they differ, as each has a motion. So each place that a frame
 shows for certain is given to one body of the group, and no other body of the group follows it.
+
+Bodies of a family, which share most of their points, may have been taken for each other: they explain each other's
+detections nearly as well, and a prediction counts for whatever was followed. So nothing else notices that a frame which
+showed little told them the wrong way round. In space each is also expected in the other's place at times; before
+cameras the prior of every frame has these places: see `rootmatch.model.exchanged`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import permutations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,9 +22,9 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.body_labels import SAME_SHAPE, BodyLabels, Label, twin_points
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import mode_pose
+from rootmatch.explain.likeness import align_points, likenesses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import body_radius
-from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.followed_body import FollowedBody
 from rootmatch.tracking.followed_pose import FollowedPose
 from rootmatch.tracking.in_plane import motion_in_space
@@ -34,12 +41,10 @@ def find_identical_bodies(labels: BodyLabels, points: Floats, normals: Floats | 
     groups: list[list[Label]] = []
     of: dict[Label, Integers] = {name: labels.points_of(k) for k, name in enumerate(labels.names)}
     for name in labels.names:
-        for group in groups:
-            if _is_same(points, normals, of[group[0]], of[name]):
-                group.append(name)
-                break
-        else:
-            groups.append([name])
+        group = next((one for one in groups if _is_same(points, normals, of[one[0]], of[name])), None)
+        if group is None:
+            groups.append(group := [])
+        group.append(name)
     return [group for group in groups if len(group) > 1]
 
 
@@ -51,14 +56,7 @@ def name_places(
 ) -> None:
     """Let bodies of each group follow the places that a frame shows for certain, one each.
 
-    Parameters
-    ----------
-    groups : sequence of sequences of labels
-        Of `identical_bodies`.
-    bodies, parts : dict
-        The bodies with what they follow after the frame, and its findings.
-    time : float
-        Of the frame.
+    ``bodies``, ``parts``: the bodies with what they follow after the frame, and its findings.
     """
     for group in groups:
         beliefs = {label: bodies[label].belief for label in group}
@@ -75,7 +73,8 @@ def name_places(
             belief.poses = known or [FollowedPose(MotionFilter(belief.source, place, time, belief.motion))]
             taken.append(place)
         for belief in free.values():
-            _give_up_others(belief, taken, radius)
+            every = [(one, _current_pose(one.filter)) for one in belief.poses]
+            belief.poses = [one for one, at in every if not any(_is_same_place(at, there, radius) for there in taken)]
 
 
 def _places(found: Sequence[Finding], radius: float) -> Iterator[Pose]:
@@ -100,15 +99,6 @@ def _places(found: Sequence[Finding], radius: float) -> Iterator[Pose]:
     return (pose for chance, pose in sorted(sums, key=lambda one: -one[0]) if chance >= least)
 
 
-def _give_up_others(belief: Belief, taken: Sequence[Pose], radius: float) -> None:
-    """Give up what other bodies of the group follow."""
-    belief.poses = [
-        one
-        for one in belief.poses
-        if not any(_is_same_place(_current_pose(one.filter), other, radius) for other in taken)
-    ]
-
-
 def _current_pose(followed: MotionFilter) -> Pose:
     """The pose that is followed, at the time of the last frame that showed it."""
     return followed.predicted(followed.time)
@@ -131,3 +121,46 @@ def _is_same(points: Floats, normals: Floats | None, first: Integers, second: In
         unit = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         same &= bool(np.abs(unit[first] - unit[second]).max() <= SAME_SHAPE)
     return same
+
+
+class Likeness(NamedTuple):
+    """A motion x' = R x + t that takes many points of one body onto those of another."""
+
+    label: Label
+    other: Label
+    rotation: Floats
+    shift: Floats
+
+
+def family_likenesses(labels: BodyLabels, points: Floats, identical: Sequence[Sequence[Label]]) -> list[Likeness]:
+    """The motions between bodies of a family, of all points (n, 3); the names of identical ones are a convention."""
+    of = {name: points[labels.points_of(k)] for k, name in enumerate(labels.names)}
+    found = []
+    for label, other in permutations(labels.names, 2):
+        if any(label in group and other in group for group in identical):
+            continue
+        for image in likenesses(of[label], of[other]):
+            own = np.flatnonzero(image >= 0)
+            laid = align_points(of[label][own], of[other][image[own]], body_radius(of[other]))
+            if laid is not None:
+                found.append(Likeness(label, other, *laid[:2]))
+    return found
+
+
+def expect_exchanged(alike: Sequence[Likeness], bodies: Mapping[Label | None, FollowedBody]) -> None:
+    """Expect each body of a family that is followed also where another one is."""
+    places = {one.other: bodies[one.other].belief.best for one in alike if bodies[one.other].belief}
+    for one in alike:
+        body = bodies[one.label].belief
+        if body and one.other in places:
+            body.add_place(places[one.other].of_body(one.rotation, one.shift, body.source))
+
+
+def know_others(alike: Sequence[Likeness], bodies: Mapping[Label | None, FollowedBody]) -> None:
+    """Tell each body where it is in the places in which others of its family are followed."""
+    for body in bodies.values():
+        body.belief.others = ()
+    for one in alike:
+        belief, other = bodies[one.label].belief, bodies[one.other].belief
+        if other:
+            belief.others = *belief.others, other.best.of_body(one.rotation, one.shift, belief.source)

@@ -56,22 +56,10 @@ def log_other_presence(given_up: MotionFilter, pose: Pose, time: float, centres:
 def update_identity(
     log_odds: float, misfit: Misfit, weight: float, of_rig: bool = False, *, as_off: float = 0.0, least: float = FLOOR
 ) -> float:
-    """Log-odds, after a frame, that what is followed is something else.
+    """Log-odds, after a frame, that what is followed is something else; at ``least`` some.
 
-    Parameters
-    ----------
-    log_odds : float
-        Before it.
-    misfit : Misfit
-        Of the detections about the pose.
-    weight : float
-        Of a frame's evidence, as what spoils one fit may spoil the next.
-    of_rig : bool
-        Whether the frame is of several cameras.
-    as_off : float
-        Log-odds of the body with points that are off, of that as given, if it is the former.
-    least : float
-        Least log-odds.
+    ``misfit``: of the detections about the pose. ``weight``: of a frame's evidence, as what spoils one fit may spoil
+    the next. ``as_off``: log-odds of the body with points that are off, of that as given, if it is the former.
     """
     if not misfit.dof and misfit.alike is None:
         return log_odds

@@ -30,49 +30,36 @@ class MotionOptions(Options):
 
     Parameters
     ----------
-    angular_acceleration : float
-        Standard deviation on each axis, rad/s².
-    acceleration : float
-        Standard deviation on each axis, radii/s².
-    angular_velocity : float
-        Standard deviation on each axis of one that is not known yet, rad/s.
-    velocity : float
-        The same, radii/s.
+    angular_acceleration, acceleration : float
+        Standard deviation on each axis, rad/s², that of a quickly turned head; and radii/s².
+    angular_velocity, velocity : float
+        Standard deviation on each axis of a velocity that is not known yet, rad/s and radii/s.
     persistence : float
-        Seconds for which an acceleration lasts.
+        Seconds for which an acceleration lasts: its correlation time (Singer 1970). With independent ones in each
+        frame, predictions from few points were too certain: one of 16 flights followed a wrong pose for 24 frames
+        (benchmarks/tracking.py, seeds from 1000 and 1010), with 0.1 none did. Other values were not tried.
     memory : float
-        Degrees of freedom over which the size of the accelerations is estimated.
+        Degrees of freedom over which the estimate of how large the accelerations are is replaced: a frame counts for as
+        many as its detections remove from the prediction's covariance, five at 60 Hz and one at 1000. A round value.
     least_scale, most_scale : float
-        Bounds of that size, relative to the stated one.
+        Bounds of that size, relative to the stated one, however good the predictions: a real acceleration lasts for
+        many frames, and white noise that adds up as fast is larger. With a least of 0.1, two of 36 flights drifted away
+        from poses that few points showed, one with seven frames in a row matched and wrong (benchmarks/tracking.py,
+        seeds from 1000, 2000 and 3000). The largest is a round value.
     scale_drift : float
-        Of `Similarity`: standard deviation of the change of the logarithm of the scale in a second.
+        Of `Similarity`: standard deviation of what the logarithm of the scale changes by in a second, a random walk.
+        The unit of a measurement, or the size of a model, is constant; a round value that allows for .6 % in an hour.
     """
 
     angular_acceleration: float = option(30.0, above=0.0)
-    """Standard deviation of the angular acceleration on each axis, rad/s²: that of a quickly turned head."""
     acceleration: float = option(100.0, above=0.0)
-    """Standard deviation of the acceleration on each axis, in radii/s²."""
     angular_velocity: float = option(4.0, above=0.0)
-    """Standard deviation of an unknown angular velocity on each axis, rad/s."""
     velocity: float = option(15.0, above=0.0)
-    """Standard deviation of an unknown velocity on each axis, in radii/s."""
     persistence: float = option(0.1, above=0.0)
-    """Seconds for which an acceleration lasts: its correlation time (Singer 1970). With independent ones in each frame,
-    predictions from few points were too certain: one of 16 flights followed a wrong pose for 24 frames
-    (benchmarks/tracking.py, seeds from 1000 and 1010), with 0.1 none did. Other values were not tried."""
     memory: float = option(50.0, least=6.0)
-    """Degrees of freedom in which the estimate of how large the accelerations are is replaced: a frame counts for as
-    many as its detections remove from the prediction's covariance, five at 60 Hz and one at 1000. A round value."""
     least_scale: float = option(0.5, above=0.0)
-    """Least factor on the accelerations, however good the predictions: a real acceleration lasts for many frames, and
-    white noise that adds up as fast is larger. With 0.1, two of 36 flights drifted away from poses that few points
-    showed, one with seven frames in a row matched and wrong (benchmarks/tracking.py, seeds from 1000, 2000 and
-    3000)."""
     most_scale: float = option(3.0, above=0.0)
-    """Largest factor on them. A round value."""
     scale_drift: float = option(1e-4, least=0.0)
-    """Of `Similarity`: standard deviation of what the logarithm of the scale changes by in a second, a random walk. The
-    unit of a measurement, or the size of a model, is constant; a round value that allows for .6 % in an hour."""
 
 
 ALIKE = 1.0 + 2.0 * math.cos(0.2)
@@ -105,15 +92,8 @@ class MotionFilter:
     scale, where one is estimated, has no velocity. Among points that are all around it, as below a map, it is the
     camera that moves and turns: velocities are those of the points where it is.
 
-    Parameters
-    ----------
-    source : (n, 3) or (n, 2) array
-        The body's points; those of a plane are followed in space, where they stay in it.
-    pose : Pose
-        With a covariance, (6, 6), or (7, 7) with the scale; in a plane (3, 3) or (4, 4).
-    time : float
-        Of the pose, seconds.
-    options : MotionOptions
+    ``source``: the body's points; those of a plane are followed in space, where they stay in it. ``pose``: with a
+    covariance, (6, 6), or (7, 7) with the scale; in a plane (3, 3) or (4, 4).
     """
 
     def __init__(self, source: Floats, pose: Pose, time: float, options: MotionOptions = DEFAULT_MOTION) -> None:
@@ -198,13 +178,8 @@ class MotionFilter:
     def update(self, pose: Pose, time: float, weight: float = 1.0) -> None:
         """Take in a pose that was fitted with the prediction for this time as its prior and therefore includes it.
 
-        Parameters
-        ----------
-        pose : Pose
-        time : float
-        weight : float
-            Probability that the detections belong to the body; otherwise the prediction holds. The update has the mean
-            and covariance of both together (probabilistic data association, Bar-Shalom and Tse 1975).
+        ``weight``: probability that the detections belong to the body; otherwise the prediction holds. The update has
+        the mean and covariance of both together (probabilistic data association, Bar-Shalom and Tse 1975).
         """
         R, t, motion, P = before = self._at(time)
         pose = pose_in_space(pose, self.radius) if self.flat else pose

@@ -1,4 +1,4 @@
-"""The noise of a sequence: how much larger its residuals are than the σ that was stated.
+"""The noise of a sequence: how much larger its residuals are than the σ that was stated, and whether points are off.
 
 A calibration that is off by a pixel is so in every frame, so what one frame tells of σ is the prior of the next one:
 the inverse gamma distribution of the variances' factor s², of which the model of an image integrates the rest.
@@ -6,6 +6,9 @@ the inverse gamma distribution of the variances' factor s², of which the model 
 Residuals that are too large may be those of something else, a reflection or another model of a controller. These stay
 the same from one frame to the next one, where those of noise are drawn anew: how much they change tells s² of the noise
 alone, whatever is followed. It is taken in also of frames that fit with `MOST_OF_CHANGES` times the noise only.
+
+Or they are those of points that are off, though no noise of them was stated: these stay as well. Once that is certain,
+the points have a noise as if it had been stated.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Hashable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,8 +26,11 @@ from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import MOST_INFLATION
+from rootmatch.explain.inexact_points import error_gains
 from rootmatch.model.evidence import normalised_deviations
+from rootmatch.model.image_alike import OWN
 from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL
+from rootmatch.tracking.mistaken_identity import TEMPER
 
 Findings = Mapping[Label | None, Finding]
 
@@ -53,6 +60,10 @@ QUIET = 1.2
 a larger one in one of six."""
 FEW = 4
 """Points, least, whose residuals are compared: of fewer, a pose leaves nothing."""
+LEAST = 8.0 * math.log(WRONG_MODEL)
+"""Log-odds from which frames are not asked any more: points stay as they are."""
+FRAME = -0.5 * math.log(WRONG_MODEL)
+"""Log-odds that one frame adds at most."""
 
 
 @dataclass
@@ -62,16 +73,6 @@ class Scale:
     most: float
     chi2: float = NOISE_FREEDOM
     freedom: float = NOISE_FREEDOM
-
-    @classmethod
-    def stated_scale(cls) -> Scale:
-        """The scale as σ was stated."""
-        return cls(FREEDOM_OF_CHANGES)
-
-    @classmethod
-    def vague_scale(cls) -> Scale:
-        """A scale that is hardly known."""
-        return cls(FREEDOM_OF_CHANGES, VAGUE, VAGUE)
 
     @property
     def factor(self) -> float:
@@ -89,6 +90,12 @@ class Scale:
         """Of the χ² of further residuals, but for what does not depend on those before."""
         a, b = 0.5 * self.freedom, 0.5 * (self.freedom + freedom)
         return math.lgamma(b) - math.lgamma(a) + a * math.log(self.chi2) - b * math.log(self.chi2 + chi2)
+
+
+stated_scale = partial(Scale, FREEDOM_OF_CHANGES)
+"""The scale of changes as σ was stated."""
+vague_scale = partial(stated_scale, VAGUE, VAGUE)
+"""One that is hardly known."""
 
 
 @dataclass(frozen=True)
@@ -128,13 +135,13 @@ class NoiseScale:
     """The factor on the stated σ that the frames so far suggest; at least 1."""
 
     residuals: Scale = field(default_factory=lambda: Scale(MOST_FREEDOM + NOISE_FREEDOM))
-    changes: Scale = field(default_factory=Scale.stated_scale)
+    changes: Scale = field(default_factory=stated_scale)
     is_stated: bool = True
     """Whether nothing says that the noise alone is more than it was stated to be."""
     fresh: float = 0.0
     every: float = 0.0
     """Variance of the residuals that changed in the last few frames, and all of it."""
-    new: Scale = field(default_factory=Scale.vague_scale)
+    new: Scale = field(default_factory=vague_scale)
     """Of the changes since the noise may have become another one."""
     log_new: float = LOG_CHANGED
     """Log-odds that it has (a test of Page, 1954)."""
@@ -181,17 +188,9 @@ class NoiseScale:
     ) -> bool:
         """Compare the residuals of each body with those of the frame before; whether the noise has become another one.
 
-        Parameters
-        ----------
-        parts : dict
-            Findings of a frame, which were made with σ times a factor, by the labels of bodies.
-        asked : set
-            Labels of the bodies to look for with more noise, if they are not trusted and do not fit.
-        factor : float
-        with_more : callable
-            From another factor to the findings with it.
-        later : bool
-            Whether the next frame looks for them: this one was searched, which takes long enough.
+        ``parts``: findings of a frame, made with σ times a ``factor``. ``asked``: bodies to look for with more noise,
+        if they are not trusted and do not fit; ``with_more``: from another factor to the findings with it. ``later``:
+        whether the next frame looks for them, as this one was searched, which takes long enough.
         """
         doubtful = {label for label, part in parts.items() if label in self.waiting or _is_bad_fit(part, factor)}
         each: list[Hashable] = [label for label in doubtful if label in asked]
@@ -210,7 +209,7 @@ class NoiseScale:
         quiet = found.status is Status.MATCHED and (found.noise_factor or 0.0) * factor < QUIET
         quiet &= not found.point_error
         if quiet and self.is_stated:  # as usual: nothing to compare
-            self.new, self.log_new, self.last[label] = Scale.vague_scale(), LOG_CHANGED, None
+            self.new, self.log_new, self.last[label] = vague_scale(), LOG_CHANGED, None
             return
         before, now = self.last.get(label), Residuals.about(found, factor)
         self.last[label] = now
@@ -237,13 +236,13 @@ class NoiseScale:
         self.new.take(chi2, freedom)
         if self.log_new > 0.0:
             seen = self.new.chi2 - VAGUE, self.new.freedom - VAGUE
-            self.is_stated = Scale.stated_scale().log_density(*seen) > Scale.vague_scale().log_density(*seen)
-            self.changes = Scale.stated_scale() if self.is_stated else self.new
-            self.new, self.log_new = Scale.vague_scale(), LOG_CHANGED
+            self.is_stated = stated_scale().log_density(*seen) > vague_scale().log_density(*seen)
+            self.changes = stated_scale() if self.is_stated else self.new
+            self.new, self.log_new = vague_scale(), LOG_CHANGED
         elif not self.is_stated:
             self.changes.take(chi2, freedom)
         if self.log_new < LOG_CHANGED:
-            self.new, self.log_new = Scale.vague_scale(), LOG_CHANGED
+            self.new, self.log_new = vague_scale(), LOG_CHANGED
 
 
 def is_frame_of_row(frame: int, every: int) -> bool:
@@ -270,3 +269,38 @@ def _residual_variance(residuals: Floats) -> float:
     squared = (residuals**2).sum(axis=1)
     usual = median(squared) / math.log(2.0)  # twice the variance
     return float(np.minimum(squared, MOST_OF_MEAN * usual).mean()) / 2.0
+
+
+@dataclass
+class InexactPoints:
+    """Whether the points of a followed body are off."""
+
+    log_odds: tuple[float, ...] = (0.0,) * OWN
+    """By the fit of the frames so far; see `MatchingTask.log_inexact`."""
+    log_stay: float = math.log(WRONG_MODEL)
+    """That residuals which are too large stay the same (a test of Page, 1954)."""
+    error: float | None = None
+    """Standard deviation of a coordinate, once it is certain."""
+
+    def take(self, found: Finding | None, stays: float | None) -> None:
+        """Learn from a frame of a single body.
+
+        ``stays``: log-odds, by the residuals of this frame and those of the one before, that they stay.
+        """
+        if found is None or found.status is not Status.MATCHED or self.error is not None:
+            return
+        if found.labellings is None and (found.model is None or len(found.model.images) > 1):
+            return
+        if not found.point_error and found.task.points.source_covariance is not None:
+            return
+        if not found.point_error:
+            if self.log_odds[-1] > LEAST and found.noise_dof and found.noise_factor is not None:
+                gains = [min(max(TEMPER * gain, -FRAME), FRAME) for gain in error_gains(found).tolist()]
+                told = [one + gain for one, gain in zip(self.log_odds, gains, strict=True)]
+                self.log_odds = tuple(min(max(one, LEAST), 0.0) for one in told)
+            return
+        self.log_odds = tuple(min(one + FRAME, 0.0) for one in self.log_odds)
+        if stays is not None:
+            self.log_stay = max(self.log_stay + min(max(stays, -FRAME), FRAME), math.log(WRONG_MODEL))
+        if self.log_stay > 0.0:
+            self.error = found.point_error

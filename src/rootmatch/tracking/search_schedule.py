@@ -1,18 +1,21 @@
-"""Searches that go on over frames, so that few take much longer than the others."""
+"""Searches that go on over frames, so that few take much longer than the others; and the times of frames."""
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from statistics import median
 
 import numpy as np
 
 from rootmatch.arrays import Bools
+from rootmatch.errors import InputWarning
+from rootmatch.explain.bodies import SearchPart, is_mostly_shown
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.match_options import MatchOptions
-from rootmatch.explain.search_part import SearchPart, is_mostly_shown
 from rootmatch.frozen import copy_with
 from rootmatch.tracking.followed_body import FollowedBody
 
@@ -26,25 +29,29 @@ shape certainly have. A round value."""
 LATELY = 10
 """Frames without a body from which it is not looked for with more noise, unless the last residuals leave a doubt: the
 first few would have told, and what is predicted so vaguely takes as long as a search. A round value."""
+SLOW = 1.0
+"""Seconds between two frames beyond which a time is hardly one in seconds. Not tuned."""
+FIRST_STEPS = 5
+"""Steps whose median is looked at: a pause among them is no reason to warn. Not tuned."""
 
 
-class RepeatedSearch:
-    """A search that was cut short, and begins anew in the next frame with other minimal sets.
+def reorder_draws(options: MatchOptions, cut: int) -> MatchOptions:
+    """The options of the next search: after so many that were cut short it draws other minimal sets first.
 
     These are drawn at random, so that two short searches find as much as one of twice the length, and the second one
     finds where the body is now.
     """
+    return options if not cut else copy_with(options, seed=options.seed + cut)
 
-    def __init__(self) -> None:
-        self.failures = 0
 
-    def reorder_draws(self, options: MatchOptions) -> MatchOptions:
-        """The options of the next search: after one that was cut short it draws others first, not the same again."""
-        return options if not self.failures else copy_with(options, seed=options.seed + self.failures)
-
-    def take(self, found: bool, cut: bool) -> None:
-        """Count a frame: whether everything was found in it, and whether its search was cut short."""
-        self.failures = 0 if found else self.failures + cut
+def warn_of_milliseconds(steps: list[float], step: float) -> None:
+    """Count one more of the first steps between frames, and warn the caller of the caller once if most are slow."""
+    if len(steps) == FIRST_STEPS:
+        return
+    steps.append(step)
+    if len(steps) == FIRST_STEPS and (usual := median(steps)) > SLOW:
+        text = f"time: the frames are {usual:.3g} s apart; where times are in milliseconds, divide them by 1000"
+        warnings.warn(text, InputWarning, stacklevel=3)
 
 
 def frame_budget(evaluations: int, gap: float) -> int:
@@ -133,9 +140,8 @@ def unmet_chance(found: Finding, looked: Sequence[int | None]) -> float:
 
     It has as many sightings as what was found, of as many that are visible, and any of these with the same chance.
     """
-    assert found.posterior is not None
     cameras = 1 if found.task.rig is None else len(found.task.rig.views)
-    visible = found.posterior.modes.visible[found.mode].reshape(cameras, -1)
+    visible = found.judged[0].modes.visible[found.mode].reshape(cameras, -1)
     used = (found.assignment >= 0).reshape(cameras, -1)
     each = np.maximum(visible.sum(axis=1).round().astype(int), used.sum(axis=1)).tolist()
     total, matched, few = sum(each), int(used.sum()), range(found.task.minimal + 1)

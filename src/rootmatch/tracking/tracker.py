@@ -13,14 +13,13 @@ from rootmatch.backends import selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
+from rootmatch.explain.bodies import Choice, SearchPart
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.predicted_poses import check_contradiction
-from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
-from rootmatch.explain.rivals import Rivals
-from rootmatch.explain.search_part import Choice, SearchPart
+from rootmatch.explain.prior_validation import Prior, Rivals, check_followed, check_predicted
 from rootmatch.explain.validation import join_camera_noise
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.affinity import Residual
@@ -32,13 +31,9 @@ from rootmatch.problems.pose_fit.shared_errors import with_whole_covariance
 from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
-from rootmatch.tracking import search_schedule
-from rootmatch.tracking.exchanged_bodies import Likeness, expect_exchanged, family_likenesses, know_others
+from rootmatch.tracking import identical_bodies, search_schedule
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
-from rootmatch.tracking.frame_steps import FrameSteps
-from rootmatch.tracking.identical_bodies import find_identical_bodies, name_places
-from rootmatch.tracking.inexact_points import InexactPoints
-from rootmatch.tracking.noise_scale import NoiseScale, is_frame_of_row, scale_noise_by
+from rootmatch.tracking.noise_scale import InexactPoints, NoiseScale, is_frame_of_row, scale_noise_by
 from rootmatch.tracking.turns import Turns
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
@@ -112,14 +107,14 @@ max_evaluations
         check_followed(problem, source)
         self.matcher = Matcher(**given)
         self._of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything
-        self.tracking, self._turns, self._steps = tracking, Turns(), FrameSteps()
+        self.tracking, self._turns, self._steps = tracking, Turns(), list[float]()
         self.labels, self._bodies = self.matcher.labels, dict[Label | None, FollowedBody]()
         points, normals = self.matcher.source, self.matcher.normals
         each: dict[Label | None, NDArray[np.int64]] = {None: np.arange(len(points))}
-        self._identical, self._alike = list[Sequence[Label]](), list[Likeness]()
+        self._identical, self._alike = list[Sequence[Label]](), list[identical_bodies.Likeness]()
         if self.labels is not None:
-            self._identical = [*find_identical_bodies(self.labels, points, normals)]
-            self._alike = family_likenesses(self.labels, points, self._identical)
+            self._identical = [*identical_bodies.find_identical_bodies(self.labels, points, normals)]
+            self._alike = identical_bodies.family_likenesses(self.labels, points, self._identical)
             each = {label: self.labels.points_of(k) for k, label in enumerate(self.labels.names)}
         for label, own in each.items():
             facing = None if normals is None else normals[own]
@@ -178,7 +173,7 @@ max_evaluations
         """Forget all poses: the next frame is searched."""
         with self._turns:
             self.time: float | None = None
-            self._frame, self._search = 0, search_schedule.RepeatedSearch()
+            self._frame = self._cut = 0  # of frames, and of those in a row whose search was cut short
             self._noise, self._inexact = NoiseScale(), InexactPoints()
             for body in self._bodies.values():
                 body.forget()
@@ -242,7 +237,7 @@ max_evaluations
                 raise
             self.time = when
             if before is not None and time is not None:
-                self._steps.take(when - before)
+                search_schedule.warn_of_milliseconds(self._steps, when - before)
         return report(found, seconds=perf_counter() - started, stopped_early=deadline.stopped_early)
 
     def _find(
@@ -275,10 +270,11 @@ max_evaluations
 
         def explained(searching: bool | Choice, factor: float = factor) -> Finding:
             noise = stated if factor == 1.0 else scale_noise_by(stated, factor)
+            options = search_schedule.reorder_draws(self.matcher.options, self._cut)
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
                 target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget,
-                present=present, searching=searching, options=self._search.reorder_draws(self.matcher.options),
+                present=present, searching=searching, options=options,
                 rivals=rivals, more_images=True, source_noise=self._inexact.error, log_inexact=self._inexact.log_odds,
             )  # fmt: skip
 
@@ -307,7 +303,7 @@ max_evaluations
         each = self._parts(found).items()
         parts = {label: self._bodies[label].checked(part, when, frame, label in searched) for label, part in each}
         matched = all(part.status is Status.MATCHED for part in parts.values())
-        self._search.take(matched, cut=found.is_cut or deadline.stopped_early)
+        self._cut = 0 if matched else self._cut + (found.is_cut or deadline.stopped_early)
         changed = False
         if self._of_images:
             lost = not poses and self.labels is None and self.time is not None  # which takes a search
@@ -318,7 +314,7 @@ max_evaluations
                 self._parts(found), self._noise.waiting or asked, factor,
                 lambda f: self._parts(explained(not poses, f)), later=self.labels is None and bool(searched),
             )  # fmt: skip
-        know_others(self._alike, self._bodies)
+        identical_bodies.know_others(self._alike, self._bodies)
         left = search_schedule.remaining_counts(parts)
         for label, part in parts.items():
             self._bodies[label].take(part, when, frame, label in searched)
@@ -327,9 +323,9 @@ max_evaluations
             if changed:
                 self._bodies[label].acquit()
         self._inexact.take(parts.get(None), self._noise.stays)
-        name_places(self._identical, self._bodies, parts, when)
+        identical_bodies.name_places(self._identical, self._bodies, parts, when)
         if not self._of_images and frame % self.tracking.search_every == 0:
-            expect_exchanged(self._alike, self._bodies)
+            identical_bodies.expect_exchanged(self._alike, self._bodies)
         parts = {label: check_contradiction(part, given.get(label)) for label, part in parts.items()}
         if factor > 1.0:
             parts = {label: copy_with(part, sequence_factor=factor) for label, part in parts.items()}

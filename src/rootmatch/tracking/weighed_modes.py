@@ -18,7 +18,6 @@ from rootmatch.model.pose_density import LEAST
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.tracking.followed_places import LOOKED_AT, log_return, relative_log_weights, sole_odds, sort_into_places
 from rootmatch.tracking.followed_pose import FollowedPose, Step, temper
-from rootmatch.tracking.two_states import log_chance
 
 LIKELY = 0.5
 """Probability of a mode, among all that a prediction may have become, from which its pose is used."""
@@ -89,24 +88,11 @@ def weigh_modes(
 ) -> tuple[WeighedModes, int]:
     """The modes of a frame with their weights, and the largest number of matches with which a place was weighed alone.
 
-    Parameters
-    ----------
-    found : Finding
-    origin : (K,) int64 array
-        The hypothesis that each mode continues.
-    log_shares : (H + 1,) array
-        Of hypotheses, the last that of a new one.
-    tempering : int and float
-        The first mode that continues a hypothesis, and the power of the frame's evidence.
-    poses : sequence of FollowedPose
-        The hypotheses.
-    most : int
-        That number, before the frame.
-    time : float
+    ``origin``: (K,) the hypothesis, of ``poses``, that each mode continues. ``log_shares``: (H + 1,) of hypotheses, the
+    last that of a new one. ``tempering``: the first mode that continues a hypothesis, and the power of the frame's
+    evidence. ``most``: that number, before the frame.
     """
-    told, model, (first, often) = found.posterior, found.model, tempering
-    assert told is not None
-    assert model is not None
+    (told, model), (first, often) = found.judged, tempering
     modes = told.modes.first(LOOKED_AT)
     shown = modes.detected.copy()
     place, alone, more, own = sort_into_places(model, modes, origin, poses, shown)
@@ -114,7 +100,7 @@ def weigh_modes(
     places = place.tolist()
     if count > most and len(set(places)) == 1:
         most, alone[:] = count, max(alone[0], sole_odds(model, modes.take(slice(1)))[0])
-    each = log_chance(told.probabilities[: len(origin)])
+    each = np.log(np.maximum(told.probabilities[: len(origin)], 1e-300))
     followed, others = {one.place for one in poses}, False
     weight = log_shares[origin] + temper(each - log_shares[origin] - shown, origin, often) + more
     if not followed.issuperset(places):

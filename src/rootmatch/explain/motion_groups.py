@@ -1,18 +1,27 @@
-"""Motion labels: which rigid motion each matched point belongs to.
+"""Several motions at once: groups of one motion each, packed from the tensor, and which motion each point belongs to.
 
-The rule: if a solver finds groups, its groups are the labels; packing, the default for several motions, is such a
-solver. The other solvers maximise one score over all points and know no groups. Only for these, and only if several
-motions are requested, the assignment is clustered afterwards: points that no hyper-edge joins get different labels.
+If a solver finds groups, its groups are the labels; packing, the default for several motions, is such a solver. The
+other solvers maximise one score over all points and know no groups. Only for these, and only if several motions are
+requested, the assignment is clustered afterwards: points that no hyper-edge joins get different labels.
 """
 
 from __future__ import annotations
 
 import math
+from itertools import permutations
 
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.explain.sampling import keep_affordable
+from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.samplers.base import SampledTensor
+from rootmatch.samplers.guided.crowding import CROWDING
+from rootmatch.solvers.base import Solution
+from rootmatch.solvers.packing.fitted_groups import GroupFit
+from rootmatch.solvers.packing.solver import GroupPacking
 
 EXPECTED_WEIGHT = 0.15
 """Least mean weight of the hyper-edges of one motion. Not tuned: a round value between that of true hyper-edges, 0.5
@@ -39,10 +48,8 @@ def label_motions(assignment: Integers, tensor: AffinityTensor, motions: int | s
     rank_of[matched] = np.arange(len(matched))
     points = rank_of[inside.indices // tensor.shape[1]]
     together = np.zeros((len(matched), len(matched)))
-    for a in range(tensor.order):
-        for b in range(tensor.order):
-            if a != b:
-                np.add.at(together, (points[:, a], points[:, b]), weights)
+    for a, b in permutations(range(tensor.order), 2):
+        np.add.at(together, (points[:, a], points[:, b]), weights)
     distance = 1.0 / (1.0 + together / max(float(np.median(together.max(axis=1))), 1e-300))
     np.fill_diagonal(distance, 0.0)
     tree = linkage(squareform(distance, checks=False), method="average")
@@ -95,3 +102,47 @@ def _refine_groups(groups: Integers, points: Integers, weights: Floats, order: i
         if not moved:
             break
     return groups
+
+
+def pack_motions(task: MatchingTask, sampled: SampledTensor) -> Solution:
+    """Groups of one motion each among sampled hyper-edges."""
+    tensor = keep_affordable(sampled.tensor, task.deadline)
+    chance = sampled.chance
+    if chance is None:
+        chance = max(float(tensor.weights.sum()), 1.0) / max(sampled.evaluated, 1)
+    solver = GroupPacking(motions=task.options.motions, chance_weight=chance, fit=_group_fit(task))
+    return solver(tensor, seed=task.options.seed, deadline=task.deadline)
+
+
+def log10_false_alarms_of_groups(solution: Solution, shape: tuple[int, int]) -> float:
+    """Decimal logarithm of the expected number of false alarms among sets of groups.
+
+    The ways to divide the points into such groups, over the exponential of the evidence, which has paid for the ways
+    to match them.
+    """
+    if solution.groups is None or not (solution.groups >= 0).any():
+        return math.inf
+    if "against_chance" in solution.statistics:  # the evidence has paid for the choice of the points too
+        return -solution.statistics["evidence"] / math.log(10.0)
+    sizes = np.bincount(solution.groups[solution.groups >= 0])
+    left = shape[0] - int(sizes.sum())
+    ways = math.lgamma(shape[0] + 1) - math.lgamma(left + 1) - math.lgamma(len(sizes) + 1)
+    ways -= sum(math.lgamma(int(size) + 1) for size in sizes)
+    return (ways - solution.statistics["evidence"]) / math.log(10.0)
+
+
+def _group_fit(task: MatchingTask) -> GroupFit | None:
+    """The fit of whole groups by one motion; None if the problem has none."""
+    groups = task.problem.groups(task.points, task.allowed)
+    if groups is None:
+        return None
+    image, noise = task.image
+    sigma = float(np.median(noise))
+    area = max(float(np.prod(np.ptp(image, axis=0))), 1e-300) / CROWDING
+    return GroupFit(groups.chi2, groups.grown, groups.extended, min(2.0 * math.pi * sigma**2 / area, 1.0))
+
+
+def distinct_hyperedges(tensor: AffinityTensor) -> AffinityTensor:
+    """Each hyper-edge once, with its first weight."""
+    first = np.sort(first_rows(sorted_rows(tensor.indices), math.prod(tensor.shape)))
+    return AffinityTensor.unchecked(tensor.indices[first], tensor.weights[first], tensor.shape, tensor.unary)

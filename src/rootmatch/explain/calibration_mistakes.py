@@ -1,4 +1,8 @@
-"""A focal length that is wrong, or distortion that was left out: fitted to what matches with a much larger noise."""
+"""Calibrations that are wrong, as what matches tells: a focal length, a lens that was left out, a camera of a rig.
+
+A single camera is fitted to what matches with a much larger noise. A camera that is not where its rig has it, as after
+a knock, is placed anew by what it sees alone.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +18,15 @@ from rootmatch.arrays import Floats
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
-from rootmatch.explain.decide import Status
+from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.mistake import Mistake, each_body, scale_noise
+from rootmatch.explain.mistake import Mistake, scale_noise
+from rootmatch.explain.rig_search import camera_task
 from rootmatch.explain.task import MatchingTask
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.reference_point import body_radius
+from rootmatch.samplers.guided.sampler import Guided
 
 FACTORS = (5.0, 20.0, 60.0)
 """Factors on σ with which matches are sought before the camera is fitted. Of ten points about 1 m away, focal lengths
@@ -29,6 +37,11 @@ SPREAD = 0.5
 """Standard deviation of the logarithm of the focal length over that given, and of k1. A round value."""
 FEWEST = 7
 """Matches that tell a camera and a pose: six degrees of freedom are left, as for a larger σ."""
+TURNED, MOVED = 0.1, 0.3
+"""Standard deviations of how far a camera that was knocked is turned about each axis, in radians, and moved along each,
+in those of the cameras' places. Round values."""
+NEARLY_ONE = 1e-3
+"""Least distance of the cameras that is assumed, in radii of the body: all may be in one place. A round value."""
 
 
 def wrong_calibration(task: MatchingTask) -> Iterator[Mistake]:
@@ -55,17 +68,12 @@ def _name(given: Camera, mistake: Mistake, match: Any) -> Mistake:
 
 
 def _calibrate(unknowns: int, known: dict[tuple[int, float], Finding], given: MatchingTask) -> MatchingTask:
-    """The task with the camera that fits its matches.
+    """The task with the camera that fits its matches; raises `InputError` if too few points match with any.
 
     ``known``: what was found with the camera as given, by body and factor on σ, whatever is fitted to it.
-
-    Raises
-    ------
-    InputError
-        If too few points match with any camera.
     """
     task = given.without_priors()
-    for k, body in enumerate(each_body(task)):
+    for k, body in enumerate(task.each_body):
         for factor in FACTORS:
             if (k, factor) not in known or known[k, factor].task.deadline.passed():
                 known[k, factor] = _explain_noisier(body, factor)
@@ -108,3 +116,50 @@ def _fit_camera(task: MatchingTask, found: Finding, unknowns: int) -> Camera | N
 
     guess = np.array([*one_rotation_vector(start.R), *start.t, *np.zeros(unknowns)])
     return camera_of(least_squares(residuals, guess, loss="soft_l1").x[6:])
+
+
+def displaced_cameras(task: MatchingTask) -> Iterator[Mistake]:
+    """That one of the cameras is somewhere else, or turned."""
+    assert task.rig is not None
+    if len(task.rig.views) < 2:
+        return
+    for k in range(len(task.rig.views)):
+        remedy = f"calibrate camera {k} again, its pose or its focal length, and leave its detections out until then"
+        yield Mistake(f"camera {k} is not where the rig has it", remedy, partial(_replace_camera, k))
+
+
+def _replace_camera(k: int, given: MatchingTask) -> MatchingTask:
+    """The task with a camera where it and the others see the same body.
+
+    Raises `InputError` if no body is told by the camera alone and by the others, or it is where it should be.
+    """
+    task = given.without_priors()
+    assert task.rig is not None
+    for body in task.each_body:
+        every = np.arange(body.shape[0])
+        seen = explain(body.subset(every, np.flatnonzero(body.camera_of != k)))
+        if seen.status is not Status.MATCHED or seen.pose is None:
+            continue
+        views = list(task.rig.views)
+        camera, R, t = views[k]
+        apart = max(body_radius(task.rig.centres), NEARLY_ONE * body_radius(body.points.source))
+        spread = np.repeat([TURNED, MOVED * apart], 3)
+        expected = Pose(np.array(R), np.array(t), np.diag(spread**2)) @ seen.pose
+        alone = explain(replace(camera_task(body, k, Guided())[2], prior_pose=expected))
+        if alone.status is Status.MATCHED and alone.prior_holds and alone.pose is not None:
+            found = alone.pose @ seen.pose.inverse()
+            if _is_same_pose(found, np.array(R), np.array(t)):
+                raise InputError(f"camera {k} is where the rig has it")
+            views[k] = camera, found.R, found.t
+            changed = replace(task.problem, camera=task.rig.with_views(views))  # type: ignore[type-var]
+            return replace(task, problem=changed)
+    raise InputError(f"camera {k} and the others do not see the same body")
+
+
+def _is_same_pose(found: Pose, R: Floats, t: Floats) -> bool:
+    """Whether a pose with its covariance is that of R and t."""
+    from scipy.stats import chi2  # slow to import
+
+    assert found.covariance is not None
+    step = np.array([*one_rotation_vector(found.R @ R.T), *(found.t - t)])
+    return float(step @ np.linalg.solve(found.covariance, step)) < float(chi2.isf(TRUST.noise_chance, len(step)))
