@@ -92,6 +92,17 @@ def test_a_wrong_prior_is_noticed() -> None:
     assert np.array_equal(match.assignment, made["truth"])
 
 
+def test_a_pose_is_compared_with_the_prior_that_it_was_found_about() -> None:
+    """Six σ away, where it is still more probable than that the prior is wrong altogether."""
+    made = scene(2)
+    match = matched(made, rm.Pose(made["R"], T + np.array([0.12, 0.0, 0.0]), SPREAD))
+    assert match.status is rm.Status.MATCHED
+    assert match.finding.prior_holds
+    assert match.prior_holds is False
+    assert match.fused_pose is None
+    assert "this pose contradicts the prior; check the prior and its σ" in match.advice
+
+
 @pytest.mark.parametrize("sigma", [10.0, 1e3])
 def test_a_prior_that_says_nothing_is_not_contradicted(sigma: float) -> None:
     made = scene(2)

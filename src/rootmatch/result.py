@@ -183,7 +183,8 @@ class Match:
     def prior_holds(self) -> bool | None:
         """Whether the prediction ``prior=`` held.
 
-        False if another pose was found that contradicts it, or `UP2P`'s vertical; None if neither is trusted or given.
+        False if the pose that was found contradicts it by its distance, though it may have been found about it, or
+        `UP2P`'s vertical; None if neither is trusted or given.
         """
         return agrees_with_prior(self.finding)
 

@@ -38,8 +38,9 @@ from rootmatch.problems.pose_fit.shared_errors import (
 from rootmatch.problems.up2p import UP2P
 from rootmatch.problems.up2pf import UP2PF
 
-WITHIN = 12.6
-"""Squared deviation from a predicted pose up to which it is no contradiction: 95 % of χ² of six parameters."""
+WITHIN = 22.5
+"""Squared deviation from a predicted pose up to which it is no contradiction: beyond is one in a thousand of χ² of six
+parameters."""
 
 CONTRADICTED = 30.0
 """Squared deviation from what is known in part of a pose beyond which it is contradicted: of three numbers it has a
@@ -83,18 +84,21 @@ def assignment_labels(task: MatchingTask, motions: Integers) -> Integers:
 def agrees_with_prior(found: Finding) -> bool | None:
     """Whether a finding agrees with what a caller knows of the pose; None if it is not trusted, or without a prior.
 
-    A predicted pose so vague that it tells less than knowing nothing does not hold, but is no contradiction either.
+    A predicted pose so vague that it tells less than knowing nothing does not hold, but is no contradiction either. Nor
+    does one agree that is many standard deviations away, though that is more probable than a prediction that is wrong.
     The vertical of `UP2P` is part of what is known, and is told if it is contradicted.
     """
     prior, pose = found.task.prior_pose, found.pose
     if found.contradicted or contradicts_vertical(found):
         return False
-    if found.prior_holds is not False or prior is None or pose is None:
+    if found.prior_holds is None or prior is None or pose is None:
         return found.prior_holds
     if prior.covariance is None or pose.covariance is None or len(prior.covariance) != len(pose.covariance):
-        return False
+        return found.prior_holds
     off = np.array([*turn_vectors((pose.R @ prior.R.T)[None])[0], *(pose.t - prior.t)])
-    return bool(off @ np.linalg.solve(prior.covariance + pose.covariance, off) <= WITHIN)
+    spread = (prior.covariance + pose.covariance)[: len(off), : len(off)]  # without a scale
+    unit = np.sqrt(np.maximum(spread.diagonal(), EXACT))
+    return bool(off / unit @ np.linalg.lstsq(spread / np.outer(unit, unit), off / unit)[0] <= WITHIN)
 
 
 def is_against_prior(found: Finding) -> bool:

@@ -99,8 +99,8 @@ def advice(
             "first, as the second of a pair counts as clutter"
         )
     if agrees_with_prior(finding) is False:
-        against, to_check = _contradiction_texts(finding)
-        text += f"; this pose contradicts {against} and was found without it; {to_check}"
+        against, check = _contradiction_texts(finding)
+        text += f"; this pose contradicts {against}{' and was found without it' * (not finding.prior_holds)}; {check}"
     told = "max_seconds" in text or not stopped_early
     return text if told else f"{text}; max_seconds ended it before it was finished"
 
