@@ -468,7 +468,8 @@ class TestPriors:
 def test_poses_of_few_matches(name: str, matched: int) -> None:
     """The true pose is among them, and all that put three of the matches on their rays, of a rig on one camera's.
 
-    Of the camera with the most matches: what fits in several is among what fits there.
+    Of the camera with the most matches: what fits in several is among what fits there. Of a rig, if two cameras see
+    three of the points, these have one place and the body one pose.
     """
     camera = CAMERAS[name]
     model, _, _ = scene(camera, poses=2)
@@ -480,7 +481,10 @@ def test_poses_of_few_matches(name: str, matched: int) -> None:
         model = replace(model, camera=replace(camera, camera_of=np.repeat(np.arange(views), n)))
     assignments = np.full((2, n * views), -1)
     assignments[1, :matched] = np.arange(matched)
-    assignments[1, n : n + matched] = n + np.arange(matched if views == 2 else 0)
+    if views == 2:
+        assignments[1, n : n + matched] = n + np.arange(matched)
+        assert not len(propose_few_matched(model, assignments).assignments)
+        assignments[1, n + 2 :] = -1
     found = propose_few_matched(model, assignments)
     assert len(found.assignments) >= 1
     np.testing.assert_array_equal(found.assignments, np.repeat(assignments[1:], len(found.assignments), axis=0))

@@ -19,9 +19,10 @@ from rootmatch.problems.residual_kinds import Joint
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.two_views import pose_search
 from rootmatch.samplers.two_views.covering_sets import CoveringSets
+from rootmatch.samplers.two_views.image_pieces import run_image_pieces
 from rootmatch.samplers.two_views.likelihood import epipolar_line, likelihood_ratio
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
-from rootmatch.samplers.two_views.pose_search import PoseSearch, run_image_pieces, search_pairs, search_triples
+from rootmatch.samplers.two_views.pose_search import PoseSearch, search_pairs, search_triples
 from rootmatch.simulation import three_plus_one_scene
 
 CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
@@ -259,13 +260,13 @@ def test_sets_cover_what_may_be_shown() -> None:
     for lost in (x.ravel() < -0.4, x.ravel() > 0.2, y.ravel() > 0.3, np.arange(24) % 3 == 0):
         order = CoveringSets(rays, np.arange(24), 3, np.random.default_rng(1))
         waves = order.waves(3, 2)
-        sets = np.concatenate([next(waves) for _ in range(9)])
+        sets = np.concatenate([next(waves)[0] for _ in range(9)])
         assert len(np.unique(sets, axis=0)) == len(sets) == 19
         assert (~lost[sets]).all(axis=1).sum() >= 2
     assert order.missed(24) == 1.0  # none was tried yet
-    order.add(sets[:3])
+    order.add(sets[:3], np.zeros((3, 2)))
     after_three = order.missed(18)
-    order.add(sets[3:])
+    order.add(sets[3:], np.zeros((16, 2)))
     assert 0.0 < order.missed(18) < after_three < 1.0
     assert order.missed(18) < order.missed(12) < order.missed(4)
 
@@ -274,7 +275,7 @@ def test_points_without_an_image_are_in_no_set() -> None:
     rays = bearings(12, np.random.default_rng(2))
     points = np.array([1, 4, 5, 9])
     order = CoveringSets(rays, points, 2, np.random.default_rng(3))
-    sets = np.concatenate(list(order.waves(3, 2)))
+    sets = np.concatenate([some for some, _ in order.waves(3, 2)])
     assert sorted(map(tuple, np.sort(sets, axis=1))) == list(itertools.combinations(points.tolist(), 2))
     assert not list(CoveringSets(rays, points[:1], 2, np.random.default_rng(3)).waves(3, 2))
 

@@ -214,9 +214,9 @@ def has_vague_axes(problem: Problem) -> bool:
     """Whether the common direction of two images is known so little that a search loses poses by that."""
     if float(getattr(problem, "axis_noise", 0.0)) <= 0.0:
         return False
-    from rootmatch.samplers.two_views.covering_sets import LOST, lost_with_tilt  # slow to import
+    from rootmatch.samplers.two_views.covering_sets import NEAR  # slow to import
 
-    return lost_with_tilt(float(problem.tilt_variance)) > LOST  # type: ignore[attr-defined]
+    return bool(problem.tilt_variance > NEAR**2)  # type: ignore[attr-defined]
 
 
 def nothing_found_text(problem: Problem) -> str:

@@ -30,14 +30,11 @@ WIDER_PART = 0.5
 LOST = 0.25
 """Probability that a set leads to nothing though all of it is shown: .02 to .21 in the twelve kinds of scenes of
 benchmarks/two_views.py up to 20 + 20 (seeds 1000 to 1011, four sets each). On the safe side."""
-HALF_LOST = math.radians(0.9)
-"""σ of the common direction of one view against the other's with which half of the sets lead to nothing though all of
-them is shown, of 28 at each: .25 at an axis noise of .2°, .32 at .5°, .64 at 1°, nearly all at 2° (seeds from 1000)."""
-
-
-def lost_with_tilt(tilt2: float) -> float:
-    """`LOST` where the common direction is one of a variance, radians²."""
-    return max(LOST, math.sqrt(tilt2) / (math.sqrt(tilt2) + HALF_LOST))
+NEAR = math.radians(1.25)
+"""σ of how far off the tilts that a set takes may be: it leads to nothing the more often, as a Gaussian falls. Of 40
+sets whose points are all shown, at a tilt off by 0, 1 and 2°, 34, 25 and 7 led to the pose (axis noise 2°)."""
+TILTS = 32
+"""Tilts among which that of the next set is chosen, beside none. A round value."""
 
 
 class CoveringSets:
@@ -51,9 +48,13 @@ class CoveringSets:
     size : int
         Points of a set.
     rng : Generator
+    tilt : float
+        Standard deviation of both tilts of the common direction.
     """
 
-    def __init__(self, positions: Floats, points: Integers, size: int, rng: np.random.Generator) -> None:
+    def __init__(
+        self, positions: Floats, points: Integers, size: int, rng: np.random.Generator, *, tilt: float = 0.0
+    ) -> None:
         self.positions, self.points, self.size, self.rng = positions, points, size, rng
         self._rank = np.zeros((ORDERS, len(positions)), np.int32)
         """Place of each of the points in each order."""
@@ -61,11 +62,13 @@ class CoveringSets:
         place = (place - place.mean(axis=0)) / np.maximum(place.std(axis=0), 1e-300)
         late = rng.uniform(0.0, BESIDE, ORDERS) * place + rng.standard_normal(place.shape)
         self._rank[:, points] = late.argsort(axis=0).argsort(axis=0).T
-        self._tried: list[NDArray[np.int32]] = []
-        """Place (ORDERS,) of the last point of each set that was tried."""
+        self._tilts = tilt * rng.standard_normal((ORDERS, 2)) if tilt > 0.0 else np.zeros((1, 2))
+        """What the tilts may be, of each order where they are not known."""
+        self._tried: list[tuple[NDArray[np.int32], Floats]] = []
+        """Place (ORDERS,) of the last point of each set that was tried, and its tilts (2,)."""
 
-    def waves(self, first: int, further: int) -> Iterator[Integers]:
-        """Sets (W, size): so many at first and then, until all were yielded."""
+    def waves(self, first: int, further: int) -> Iterator[tuple[Integers, Floats]]:
+        """Sets (W, size) and the tilts (W, 2) of each: so many at first and then, until all were yielded."""
         count = len(self.points)
         if count < self.size:
             return
@@ -77,35 +80,59 @@ class CoveringSets:
             wide = width(self.positions, sets)
             used = np.argsort(-wide, kind="stable")[: int(WIDER_PART * len(sets))]
             sets, wide = sets[used], wide[used]
-        worth = wide / max(float(wide.max()), 1e-300)
         # how many points are shown is not known
         shown = self.rng.integers(self.size, count, ORDERS, endpoint=True)
         covers = (self._last(sets) < shown[:, None]).astype(np.float32)
         needed = np.ones(ORDERS, np.float32)
-        wave: list[int] = []
-        for number in range(len(sets)):
-            best = int((worth * (needed @ covers)).argmax())
-            wave.append(best)
-            needed *= 1.0 - np.float32(1.0 - LOST) * covers[:, best]
-            worth[best] = -1.0
-            if len(wave) == first or number == len(sets) - 1:
-                yield np.ascontiguousarray(sets[wave])
+        worth = wide / max(float(wide.max()), 1e-300)
+        wave: list[tuple[int, int]] = []
+        taken: list[tuple[Floats, int]] = []
+        known, left = np.zeros((0, 2)), len(sets)
+        while left:
+            if known is not self._tilts:
+                known = self._tilts
+                tilts = np.concatenate([np.zeros((1, 2)), known[:TILTS]]) if len(known) > 1 else known
+                met = 1.0 - self._lost(tilts)
+                each = np.tile(worth, (len(tilts), 1))
+                left = len(sets)
+                needed = np.ones(ORDERS, np.float32)
+                for tilt, best in taken:
+                    needed *= 1.0 - (1.0 - self._lost(tilt[None])[0]) * covers[:, best]
+            gain = np.array([(needed * own) @ covers for own in met / np.float32(1.0 - LOST)])
+            which, best = divmod(int((each * gain).argmax()), len(sets))
+            wave.append((which, best))
+            taken.append((tilts[which], best))
+            needed *= 1.0 - met[which] * covers[:, best]
+            each[:, best] = -1.0
+            left -= 1
+            if len(wave) == first or left == 0:
+                chosen = np.array(wave)
                 wave, first = [], further
+                yield np.ascontiguousarray(sets[chosen[:, 1]]), tilts[chosen[:, 0]]
+                if known is not self._tilts:
+                    left = len(sets)
 
-    def add(self, sets: Integers) -> None:
-        """Record that sets (S, size) were tried with all their images."""
-        self._tried.extend(self._last(sets).T)
+    def tell(self, tilt: Floats) -> None:
+        """Take tilts (2,) for known, those of a pose that is no accident."""
+        self._tilts = tilt[None]
 
-    def missed(self, matched: int, lost: float = LOST) -> float:
-        """Probability that none of the sets tried led to a pose with so many matches, whichever points those are.
+    def add(self, sets: Integers, tilts: Floats) -> None:
+        """Record that sets (S, size) with tilts (S, 2) were tried with all their images."""
+        self._tried.extend(zip(self._last(sets).T, tilts, strict=True))
 
-        ``lost``: probability that a set does not though all of it is shown.
-        """
+    def missed(self, matched: int) -> float:
+        """Probability that none of the sets tried led to a pose with so many matches, whichever points those are."""
         if not self._tried:
             return 1.0
-        met = (np.array(self._tried) < matched).sum(axis=0)
-        return float((lost**met).mean())
+        last, tilts = (np.array(part) for part in zip(*self._tried, strict=True))
+        return float(np.where(last < matched, self._lost(tilts), 1.0).prod(axis=0, dtype=np.float64).mean())
 
     def _last(self, sets: Integers) -> NDArray[np.int32]:
         """Place (ORDERS, S) of the last point of sets (S, size) in each order."""
         return np.asarray(self._rank[:, sets].max(axis=2))
+
+    def _lost(self, tilts: Floats) -> NDArray[np.float32]:
+        """Probability (S, ORDERS) that a set with tilts (S, 2) leads to nothing though all of it is shown."""
+        off2 = ((tilts[:, None] - self._tilts) ** 2).sum(axis=2)
+        met = np.broadcast_to(np.exp(-0.5 * off2 / NEAR**2), (len(tilts), ORDERS))
+        return np.asarray(1.0 - (1.0 - LOST) * met, np.float32)

@@ -6,25 +6,25 @@ And until no other pose that explains as many points can well have been missed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numba
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.deadline import NEVER, Deadline, OutOfTime, active_deadline, checkpoint
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
 from rootmatch.hypergraph.assignment import maximise_total
-from rootmatch.jit.threads import GROWTH, LONGEST, run_in_threads, worthwhile_threads
+from rootmatch.jit.threads import LONGEST, run_in_threads, worthwhile_threads
 from rootmatch.problems.points import TwoViews
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.detection_grid import mean_basis
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
-from rootmatch.samplers.two_views.covering_sets import CoveringSets, lost_with_tilt
+from rootmatch.samplers.two_views.covering_sets import CoveringSets
+from rootmatch.samplers.two_views.image_pieces import run_image_pieces
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
 from rootmatch.samplers.two_views.pose_refinement import DIMENSIONS, refine_poses
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, RelativeHypothesis
 from rootmatch.samplers.two_views.set_kernels import search_pairs, search_triples
-from rootmatch.samplers.two_views.tilted_refinement import refine_tilted
+from rootmatch.samplers.two_views.tilted_refinement import Tilted, refine_tilted, turned_views
 
 BLURS = (2.25, 1.0, 0.5, 0.25, 0.1)
 """Variance that the pose's error adds in the steps of a refinement, in those of the noise."""
@@ -46,8 +46,8 @@ RARE = 0.1
 FIRST_WAVE, WAVE = 3, 2
 """Minimal sets of source points that are tried before the first look at what was found, and before each further one.
 Accuracy and time with these and the following numbers are those of benchmarks/two_views.py."""
-MOST_SETS = 64
-"""Most minimal sets of source points that are tried."""
+MOST_SETS, TILTED_SETS = 64, 160
+"""Most minimal sets of source points that are tried, and where the common direction was measured."""
 BUDGET = 4_000_000
 """Most minimal sets with images that are solved."""
 AGREEING = 3
@@ -58,8 +58,8 @@ MISSED, RIVALLED = 0.1, 0.02
 pose may be the right one. Round values."""
 REPEATED = 1e-3
 """Odds that a scene looks like itself before it is seen. A stated value: `rootmatch.model.priors.COPY`, of bodies."""
-POSES, POSES_REFINED = 64, 16
-"""Poses of a minimal set that are kept, and the likeliest of them, which are refined on all points."""
+POSES, POSES_REFINED, TILTED_REFINED = 64, 16, 8
+"""Poses of a minimal set that are kept, and the likeliest of them, which are refined on all points; with tilts."""
 ASSIGNMENTS = 12
 """Assignments that are handed on, to be fitted by a pose each."""
 CLUSTERS, CANDIDATES = 4, 3
@@ -77,8 +77,11 @@ SPREAD = 6.0
 SET_BLUR = 1.5
 """Deviation, in σ, that the error of a minimal set's pose adds."""
 UNABSORBED = 0.15**2
-"""Part of the variance of a measured common direction that still counts as noise when a minimal set's pose is judged:
+"""Part of the variance of tilts that still counts as noise when a minimal set's pose is judged:
 the pose takes up most of a tilt. With all of it, accidental poses fit as well as the right one."""
+TAKEN = math.radians(0.5)
+"""Most σ of the tilts for which a minimal set's pose is judged, and with which its refinement begins: with 1.3 and
+2.8° 26 and 11 of 40 sets at the right tilts lead to the pose, with .5° 34 (axis noise 2°)."""
 BREADTH = math.pi / math.sqrt(48.0)
 """Standard deviation of the logarithm of the inverse distances: that of their log-logistic density."""
 LEAST_COSINE = 0.05
@@ -93,7 +96,7 @@ def _narrow_tilt(views: TwoViews, tilt2: float) -> tuple[TwoViews, float]:
     alone = views.source_variance - tilt2
     if tilt2 <= float(np.median(alone) + np.median(views.target_variance)):
         return views, 0.0
-    return views._replace(source_variance=alone + UNABSORBED * tilt2), tilt2
+    return views._replace(source_variance=alone + UNABSORBED * min(tilt2, TAKEN**2)), tilt2
 
 
 class PoseSearch:
@@ -126,9 +129,11 @@ class PoseSearch:
             detected, SET_BLUR**2 * self.noise, REJECT, DRIFT,
         )  # fmt: skip
         self.covering = CoveringSets(
-            np.ascontiguousarray(self.views.source.T), np.flatnonzero(possible.any(axis=1)), self.minimal, self.rng
-        )
-        self.lost = lost_with_tilt(self.tilt2)
+            np.ascontiguousarray(self.views.source.T), np.flatnonzero(possible.any(axis=1)), self.minimal, self.rng,
+            tilt=math.sqrt(self.tilt2),
+        )  # fmt: skip
+        self.refined = TILTED_REFINED if self.tilt2 > 0.0 else POSES_REFINED
+        self.own_noise = self.noise - UNABSORBED * min(self.tilt2, TAKEN**2)
         self.hypotheses: list[RelativeHypothesis] = []
         self.sets = 0
         self.solved = self.tested = self.evaluated = 0
@@ -138,14 +143,17 @@ class PoseSearch:
 
     def run(self) -> None:
         """Run wave after wave until enough of them agree, all sets were tried, or the budget is spent."""
-        for sets in self.covering.waves(FIRST_WAVE, WAVE):
+        for sets, tilts in self.covering.waves(FIRST_WAVE, WAVE):
             # of many images a single set may be more than the budget
-            self._try(sets[: max((self.budget - self.solved) // self.n_target**self.minimal, 1)])
+            most = max((self.budget - self.solved) // self.n_target**self.minimal, 1)
+            self._try(sets[:most], tilts[:most])
             self.conclusive = bool(self.hypotheses)
             if self.task.progress is not None:
                 self.task.progress(min(self.solved, self.budget), self.budget)
             if self._has_enough() or self._is_spent():
                 return
+            if self.tilt2 > 0.0 and self.hypotheses and self.hypotheses[0].evidence > self._beyond_chance():
+                self.covering.tell(self.hypotheses[0].tilt)
 
     @property
     def missed(self) -> float:
@@ -156,10 +164,10 @@ class PoseSearch:
 
     def _unmet_probability(self) -> float:
         """Probability that a pose which explains as many points as the likeliest one was not met, if there is one."""
-        return self.covering.missed(int((self.hypotheses[0].assignment >= 0).sum()), self.lost)
+        return self.covering.missed(int((self.hypotheses[0].assignment >= 0).sum()))
 
     def _is_spent(self) -> bool:
-        spent = self.sets >= MOST_SETS or self.solved >= self.budget
+        spent = self.sets >= (TILTED_SETS if self.tilt2 > 0.0 else MOST_SETS) or self.solved >= self.budget
         return spent or self.cut or self.deadline.passed()
 
     def _do_sets_agree(self) -> bool:
@@ -176,16 +184,20 @@ class PoseSearch:
 
     def _chance_evidence(self) -> float:
         """Evidence that one of the poses tested reaches by chance."""
-        tilts = max(self.tilt2 / (self.noise - UNABSORBED * self.tilt2), 1.0)  # that a refinement may tell apart
+        tilts = max(self.tilt2 / self.own_noise, 1.0)  # that a refinement may tell apart
         return math.log(max(self.tested, 1)) + math.log(tilts)
+
+    def _beyond_chance(self) -> float:
+        """Evidence of a pose that is no accident."""
+        return self._chance_evidence() - math.log(REPEATED)
 
     @property
     def repeated(self) -> bool:
         """Whether a pose that has nothing to do with the likeliest one is no accident: the scene looks like itself."""
-        enough = self._chance_evidence() - math.log(REPEATED)
+        enough = self._beyond_chance()
         return any(one.evidence > enough and one.shared(self.hypotheses[0]) <= OTHER for one in self.hypotheses)
 
-    def _try(self, sets: Integers) -> None:
+    def _try(self, sets: Integers, tilts: Floats) -> None:
         """Try minimal sets with all their images, and refine the likeliest poses of each."""
         count = len(sets)
         orders = self.rng.permuted(np.tile(np.arange(self.n), (count, 1)), axis=1)
@@ -197,6 +209,9 @@ class PoseSearch:
         limits = np.array([FITS**2, SPREAD])
         search = search_pairs if self.views.planar else search_triples
         each = SECONDS_PER_POSE * self.n_target
+        views = [(self.views, 0, count)]
+        if self.tilt2 > 0.0:
+            views = [(turned_views(self.views, tilt), index, index + 1) for index, tilt in enumerate(tilts)]
 
         def piece(begin: int, stop: int) -> None:
             """Some of the images of all sets."""
@@ -207,18 +222,19 @@ class PoseSearch:
                 panel, columns = np.zeros((ROOTS, FIELDS, self.n_target)), np.zeros(self.n_target)
                 for share in range(start, end):
                     if ends[share] < ends[share + 1]:
-                        search(
-                            self.views, self.judge, sets, orders, limits, 0, count, ends[share], ends[share + 1], panel,
-                            columns, poses[share], evidence[share], counts[share],
-                        )  # fmt: skip
+                        for turned, index, last in views:
+                            search(
+                                turned, self.judge, sets, orders, limits, index, last, ends[share], ends[share + 1],
+                                panel, columns, poses[share], evidence[share], counts[share],
+                            )  # fmt: skip
 
             run_in_threads(work, threads, threads)
 
         try:
-            reserve = LONGEST + 2.0 * SECONDS_PER_RATIO * count * POSES_REFINED * self.n * self.n_target
+            reserve = LONGEST + 2.0 * SECONDS_PER_RATIO * count * self.refined * self.n * self.n_target
             with self.deadline.part(SOLVED, reserve).enforce():
                 run_image_pieces(piece, self._images(sets), max(int(LONGEST / each), 1))
-            self.covering.add(sets)
+            self.covering.add(sets, tilts)
         except OutOfTime:
             self.cut = True
         solved, tested, looked_up = counts.sum(axis=(0, 1)).tolist()
@@ -226,13 +242,13 @@ class PoseSearch:
         self.tested += tested
         self.evaluated += solved + looked_up
         every = evidence.swapaxes(0, 1).reshape(count, -1)
-        order = np.argsort(-every, axis=1, kind="stable")[:, :POSES_REFINED]
+        order = np.argsort(-every, axis=1, kind="stable")[:, : self.refined]
         real = np.take_along_axis(every, order, axis=1) > -np.inf
         chosen = np.take_along_axis(poses.swapaxes(0, 1).reshape(count, -1, FIELDS), order[:, :, None], axis=1)[real]
-        which = np.broadcast_to(np.arange(self.sets, self.sets + count)[:, None], real.shape)[real]
-        self.sets += count
+        which = np.broadcast_to(np.arange(count)[:, None], real.shape)[real]
         with self.deadline.within():
-            self._take(chosen, which)
+            self._take(chosen, tilts[which], self.sets + which)
+        self.sets += count
 
     def _images(self, sets: Integers) -> Integers:
         """First and last + 1 (K, 2) of the images that some of the sets may have, as `search_triples` numbers them.
@@ -244,26 +260,31 @@ class PoseSearch:
         ends = np.flatnonzero(np.diff(np.concatenate([[0], possible.astype(np.int8), [0]])))
         return self.n_target * ends.reshape(-1, 2)
 
-    def _take(self, poses: Floats, which: Integers) -> None:
-        """Refine poses (K, FIELDS) of minimal sets (K,), and keep the likeliest, some at a time to bound the memory."""
+    def _take(self, poses: Floats, tilts: Floats, which: Integers) -> None:
+        """Refine poses (K, FIELDS) of minimal sets (K,) with tilts (K, 2), some at a time to bound the memory."""
         more = TILTED if self.tilt2 > 0.0 else 1
         step = max(1, REFINED // (more * self.n * self.n_target))
         for first in range(0, len(poses), step):
             some = slice(first, first + step)
             checkpoint(more * SECONDS_PER_RATIO * len(poses[some]) * self.n * self.n_target)
-            for ratios, number in zip(self._refine_ratios(poses[some]), which[some].tolist(), strict=True):
+            refined = self._refine_ratios(poses[some], tilts[some])
+            for ratios, tilt, number in zip(*refined, which[some].tolist(), strict=True):
                 checkpoint()
                 value, assignment = self._assign_likeliest(ratios)
                 if (assignment >= 0).sum() > self.minimal:
-                    self.hypotheses.append(RelativeHypothesis(value, assignment, ratios.copy(), number))
+                    self.hypotheses.append(RelativeHypothesis(value, assignment, ratios.copy(), number, tilt))
                     self.hypotheses.sort(key=lambda one: -one.evidence)
                     del self.hypotheses[POSES:]
 
-    def _refine_ratios(self, poses: Floats) -> Floats:
-        """Likelihood ratios (K, n, n') at poses (K, FIELDS), refined on all points."""
+    def _refine_ratios(self, poses: Floats, tilts: Floats) -> tuple[Floats, Floats]:
+        """Likelihood ratios (K, n, n') at poses (K, FIELDS) with tilts (K, 2), refined on all points; their tilts."""
         if self.tilt2 > 0.0:
-            alone = self.views._replace(source_variance=self.views.source_variance - UNABSORBED * self.tilt2)
-            return refine_tilted(alone, self.judge[:2], poses, tilt2=self.tilt2, last=BLURS[-1], breadth2=BREADTH**2)
+            near = min(self.tilt2, TAKEN**2)
+            alone = self.views._replace(source_variance=self.views.source_variance - UNABSORBED * near)
+            return refine_tilted(
+                alone, self.judge[:2], Tilted.of_sets(poses, tilts),
+                tilt2=self.tilt2, blurs=(near, BLURS[-1] * self.own_noise), breadth2=BREADTH**2,
+            )  # fmt: skip
         poses = np.ascontiguousarray(poses)
         ratios = np.zeros((len(poses), self.n, self.n_target))
         blurs = np.array(BLURS) * self.noise
@@ -275,7 +296,7 @@ class PoseSearch:
             )  # fmt: skip
 
         run_in_threads(work, len(poses), worthwhile_threads(len(poses) // 8))
-        return ratios
+        return ratios, tilts
 
     def _assign_likeliest(self, ratios: Floats) -> tuple[float, Integers]:
         """The likeliest assignment (n,) and its log-likelihood ratio against clutter."""
@@ -325,22 +346,3 @@ def detection_density(views: TwoViews) -> Floats:
     area = float(np.prod(np.ptp(positions, axis=1))) * ((count + 1) / max(count - 1, 1)) ** 2 if count > 1 else 1.0
     # an area of the plane is seen under this angle
     return np.asarray(count / max(area, 1e-12) / np.where(ahead, rotated[2], 1.0) ** 3, np.float64)
-
-
-def run_image_pieces(work: Callable[[int, int], None], ranges: Integers, largest: int) -> None:
-    """Call ``work`` for pieces of ranges, from one task to what takes `LONGEST`, as `rootmatch.jit.threads.Ranges`.
-
-    None is larger than a given one: images that no pose has tell nothing of the cost of those that some have.
-
-    Raises `OutOfTime` if the deadline in force passes before all is begun.
-    """
-    deadline, size = active_deadline(), 1
-    for begin, end in ranges.tolist():
-        while begin < end:
-            checkpoint()
-            stop, started = min(begin + size, end), deadline.clock()
-            work(begin, stop)
-            each = max((deadline.clock() - started) / (stop - begin), 1e-9)
-            longest = min(LONGEST, 0.5 * deadline.left())
-            size = max(1, min(int(longest / each), GROWTH * (stop - begin), largest))
-            begin = stop

@@ -32,6 +32,8 @@ class RelativeHypothesis:
     """(n, n') likelihood ratios of all pairs."""
     minimal_set: int
     """Number of the minimal set that led to it."""
+    tilt: Floats
+    """(2,) of the common direction."""
 
     def shared(self, other: RelativeHypothesis) -> float:
         """Share of the matches that another assignment has too."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -44,26 +44,39 @@ class Tilted(NamedTuple):
     @property
     def rotation(self) -> Floats:
         """(K, 3, 3)."""
-        vector = np.zeros((len(self.turn), 3))
-        vector[:, 0], vector[:, 2] = self.tilt[:, 0], self.tilt[:, 1]
-        return np.asarray(rotation_from_vector(vector) @ rotation_about_y(np.cos(self.turn), np.sin(self.turn)))
+        return np.asarray(_tilts(self.tilt) @ rotation_about_y(np.cos(self.turn), np.sin(self.turn)))
+
+    @classmethod
+    def of_sets(cls, poses: Floats, tilt: Floats) -> Self:
+        """Poses (K, FIELDS) of minimal sets that took tilts (K, 2), as by `turned_views`."""
+        translation = (_tilts(tilt) @ poses[:, 2:5, None])[..., 0]
+        return cls(np.arctan2(poses[:, 1], poses[:, 0]), tilt, translation, np.log(poses[:, 5]))
+
+
+def turned_views(views: TwoViews, tilt: Floats) -> TwoViews:
+    """Views whose common direction is tilted (2,), with bearings of the second one as if it were not."""
+    return views._replace(target=np.ascontiguousarray(_tilts(tilt[None])[0].T @ views.target))
 
 
 def refine_tilted(
-    views: TwoViews, judge: tuple[Floats, Floats], poses: Floats, *, tilt2: float, last: float, breadth2: float
-) -> Floats:
-    """Likelihood ratios (K, n, n') of all pairs at poses (K, FIELDS), refined with tilts of variance ``tilt2``.
+    views: TwoViews,
+    judge: tuple[Floats, Floats],
+    at: Tilted,
+    *,
+    tilt2: float,
+    blurs: tuple[float, float],
+    breadth2: float,
+) -> tuple[Floats, Floats]:
+    """Likelihood ratios (K, n, n') of all pairs at poses, refined with tilts of variance ``tilt2``, and those (K, 2).
 
     ``views``: bearings with their own noise alone; ``judge``: 1 over densities of clutter (n',), and possible pairs;
-    ``last``: variance that a pose's error adds in the end, in those of the noise.
+    ``blurs``: variance that a pose's error adds at first, and in the end.
     """
-    at = Tilted(np.arctan2(poses[:, 1], poses[:, 0]), np.zeros((len(poses), 2)), poses[:, 2:5], np.log(poses[:, 5]))
-    least = last * float(np.median(views.source_variance) + np.median(views.target_variance))
-    steps = math.ceil(math.log(tilt2 / least) / math.log(SHRINKS))
-    for blur in np.geomspace(tilt2, least, steps + 1):
+    first, last = blurs
+    steps = math.ceil(math.log(first / last) / math.log(SHRINKS))
+    for blur in (*np.geomspace(first, last, steps + 1), last):
         at = _step(views, judge, at, tilt2=tilt2, blur=blur, breadth2=breadth2)
-    at = _step(views, judge, at, tilt2=tilt2, blur=least, breadth2=breadth2)
-    return _ratios(views, judge, least, at)[0]
+    return _ratios(views, judge, last, at)[0], at.tilt
 
 
 def _ratios(views: TwoViews, judge: tuple[Floats, Floats], blur: float, at: Tilted) -> tuple[Floats, Floats]:
@@ -138,6 +151,11 @@ def _step(
     moved = at.translation + (step[:, 3:-1, None] * bases).sum(axis=1)
     moved /= np.linalg.norm(moved, axis=1, keepdims=True)
     return Tilted(at.turn + step[:, 0], at.tilt + step[:, 1:3], moved, at.level + step[:, -1])
+
+
+def _tilts(tilt: Floats) -> Floats:
+    """Rotations (K, 3, 3) by tilts (K, 2)."""
+    return np.asarray(rotation_from_vector(np.stack([tilt[:, 0], np.zeros(len(tilt)), tilt[:, 1]], axis=1)))
 
 
 def _dot(first: Floats, second: Floats) -> Floats:
