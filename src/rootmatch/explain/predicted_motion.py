@@ -46,8 +46,3 @@ def predicted_labellings(model: PointSetModel, *, narrowed: bool = False) -> lis
         rows = np.arange(len(model.allowed))
         every = [np.where(model.allowed[rows, one], one, -1) for one in every]
     return [one for one in every if np.count_nonzero(one >= 0) >= FEWEST]
-
-
-def complete_predictions(model: PointSetModel) -> list[Integers]:
-    """Those that have a target for every point."""
-    return [one for one in predicted_labellings(model) if (one >= 0).all()]
