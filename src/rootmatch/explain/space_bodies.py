@@ -55,8 +55,10 @@ class _Body(SearchedBody):
     """What its prediction and its searches proposed."""
     copies: int = 1
     """Number of bodies that are the same as it, with itself."""
+    predicted: Integers | None = None
+    """The best labelling where it was predicted, if no other motion could explain more."""
     enough: bool = False
-    """Whether it is where it was predicted, and a search could find nothing better."""
+    """Whether it is where it was predicted, and needs no search."""
 
     def is_worth_searching(self, budget: int) -> bool:
         """Whether another search among the free targets, with this budget, may find more than the last one."""
@@ -68,17 +70,15 @@ class _Body(SearchedBody):
 
     def predict(self, named: list[Integers], judged: Judged) -> None:
         """Add what is where the body is predicted, and its neighbours."""
-        self.named = named
+        self.named, self.predicted = named, judged.fit.assignments[int(judged.log_odds.argmax())]
         _, base = make_unjudged(self.task, SampledTensor(empty_tensor(self.task), 0), None)
         self.found = copy_with(base, scoreless=True)
         self.weighed = weigh_labellings(self.model, judged, of_several=True)
 
     @property
     def is_as_predicted(self) -> bool:
-        """Whether it is where it was predicted, and no other motion could explain more."""
-        if not self.told.motion >= SURE:
-            return False
-        return is_search_needless(self.model, self.model.judge_one(self.told.assignments[0]))
+        """Whether it is surely as it was predicted, also among the others."""
+        return self.told.motion >= SURE and bool((self.told.assignments[0] == self.predicted).all())
 
     def beside(self) -> PointSetPosterior | None:
         """What is told of it, where its law may go on in the targets that the others leave; None if time is over."""
@@ -150,9 +150,9 @@ def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
             if is_search_needless(body.model, found):
                 checkpoint()
                 body.predict(some, found)
-    if predicted := [body for body in bodies if body.named]:
+    if any(body.predicted is not None for body in bodies):
         _weigh(bodies)
-        for body in predicted:
+        for body in bodies:
             if body.is_as_predicted:
                 body.enough, body.among = True, len(body.free)
         _share(bodies)
