@@ -28,7 +28,7 @@ from rootmatch.explain.point_set_decision import (
     make_point_set_model,
     point_set_finding,
 )
-from rootmatch.explain.predicted_pose import predicted_labellings
+from rootmatch.explain.predicted_pose import is_motion_search_needless, predicted_labellings
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.model.modes import used_mask
@@ -52,11 +52,13 @@ class _Body(SearchedBody):
     free: Bools
     """Targets among which it may still be found."""
     named: list[Integers] = field(default_factory=list)
-    """What its searches proposed."""
+    """What its prediction and its searches proposed."""
     copies: int = 1
     """Number of bodies that are the same as it, with itself."""
+    predicted: Integers | None = None
+    """The best labelling where it was predicted, if no other motion could explain more."""
     enough: bool = False
-    """Whether all its points are where it was predicted."""
+    """Whether it is where it was predicted, and needs no search."""
 
     def is_worth_searching(self, budget: int) -> bool:
         """Whether another search among the free targets, with this budget, may find more than the last one."""
@@ -66,18 +68,17 @@ class _Body(SearchedBody):
         left = not len(self.told.assignments) or not (self.told.used(len(self.free)) * self.free).any()
         return self.among < 0 or (self.cut and (fewer or budget > self.budget)) or (fewer and left)
 
-    def predict(self, judged: Judged) -> None:
-        """Add what has a target for each point where the body is predicted, and its neighbours."""
+    def predict(self, named: list[Integers], judged: Judged) -> None:
+        """Add what is where the body is predicted, and its neighbours."""
+        self.named, self.predicted = named, judged.fit.assignments[int(judged.log_odds.argmax())]
         _, base = make_unjudged(self.task, SampledTensor(empty_tensor(self.task), 0), None)
         self.found = copy_with(base, scoreless=True)
         self.weighed = weigh_labellings(self.model, judged, of_several=True)
 
     @property
     def is_as_predicted(self) -> bool:
-        """Whether all its points are where it was predicted: no other motion could explain more."""
-        first = self.told.assignments[:1]
-        whole = len(first) > 0 and bool((first >= 0).all()) and self.told.motion >= SURE
-        return whole and bool(self.model.judge_one(first[0]).held[0] >= 0)
+        """Whether it is surely as it was predicted, also among the others."""
+        return self.told.motion >= SURE and bool((self.told.assignments[0] == self.predicted).all())
 
     def beside(self) -> PointSetPosterior | None:
         """What is told of it, where its law may go on in the targets that the others leave; None if time is over."""
@@ -138,19 +139,19 @@ def _make_body(task: MatchingTask, number: int) -> _Body:
 
 
 def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
-    """Look about the predicted motions; what is wholly there needs no search."""
-    named = list[_Body]()
+    """Look about the predicted motions; what shows enough of itself there needs no search."""
     with prediction_deadline(task.deadline).within():
-        for body in bodies:
-            body.named = [one for one in predicted_labellings(body.model) if (one >= 0).all()]
-        if named := [body for body in bodies if body.named]:
-            every = judge_jointly([body.model for body in named], [body.named for body in named])
-            for body, judged in zip(named, every, strict=True):
+        every = [(body, some) for body in bodies if (some := predicted_labellings(body.model))]
+        named = [some for _, some in every]
+        judged = judge_jointly([body.model for body, _ in every], named) if every else []
+        for (body, some), found in zip(every, judged, strict=True):
+            # what is searched for anyway is not weighed before: about a vague prediction much is nearly as good
+            if is_motion_search_needless(body.model, found):
                 checkpoint()
-                body.predict(judged)
-    if named:
+                body.predict(some, found)
+    if any(body.predicted is not None for body in bodies):
         _weigh(bodies)
-        for body in named:
+        for body in bodies:
             if body.is_as_predicted:
                 body.enough, body.among = True, len(body.free)
         _share(bodies)
