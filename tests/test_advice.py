@@ -51,6 +51,9 @@ def test_a_search_that_ended_too_soon_is_named_as_the_cause() -> None:
     assert text.startswith("ambiguous: nothing better was found, but the search ended before it could exclude")
     assert "alternatives" not in text
     assert "give normals, the vertical to `UP2P`, a `prior`" in text
+    assert text.endswith("or evaluate more hyper-edges with a larger `budget` of `Guided`")
+    few = replace(found, task=found.task.subset(np.arange(24), np.arange(16)))
+    assert few.longer_search == 'evaluate more hyper-edges with `sampler="exhaustive"`'
     late = advice(found, found.confidence, stopped_early=True)
     assert late.startswith("ambiguous: max_seconds ended the search before it could exclude")
     assert "give more time" in late

@@ -386,3 +386,25 @@ def test_a_second_place_is_found_although_the_first_explains_all_points() -> Non
         named = [told.assignment, *(other for other, _ in told.alternatives)]
         met += any(np.array_equal(one, [-1, *range(6, 11)]) for one in named)
     assert met >= 18
+
+
+@pytest.mark.parametrize("clutter", [6, 9])
+def test_a_few_strays_leave_no_doubt_about_a_regular_body(clutter: int) -> None:
+    """Lights in pairs look like themselves; that a rival has more detections than there are strays is no doubt."""
+    camera, missed = Camera(1500.0, 1500.0, 960.0, 540.0), []
+    pairs = np.column_stack([np.repeat(60.0 * np.arange(12.0), 2), np.tile([-20.0, 20.0], 12), np.zeros(24)])
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        lights = pairs + rng.normal(0.0, 0.1, pairs.shape)
+        pitch = rng.uniform(0.3, 0.5)
+        ahead = np.array([math.cos(pitch), 0.0, -math.sin(pitch)])
+        right = np.array([0.0, -1.0, 0.0])
+        R = np.stack([right, np.cross(ahead, right), ahead])
+        position = np.array([rng.uniform(100.0, 300.0), rng.uniform(-30.0, 30.0), 120.0])
+        seen = (lights - position) @ R.T
+        ahead_of = np.flatnonzero(seen[:, 2] > 100.0)[:9]
+        target = np.concatenate(
+            [camera.project(seen[ahead_of]), rng.uniform((0.0, 0.0), (1920.0, 1080.0), (clutter, 2))]
+        )
+        missed.append(search(P3P(camera), lights, target + rng.normal(0.0, 0.4, target.shape), 0.4).missed)
+    assert max(missed) <= 0.05

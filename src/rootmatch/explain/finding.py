@@ -26,6 +26,7 @@ from rootmatch.model.point_set_posterior import PointSetPosterior
 from rootmatch.model.posterior import Others, Posterior
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
+from rootmatch.samplers.limits import LIMITS
 from rootmatch.solvers.base import Alternatives, Solution
 
 if TYPE_CHECKING:
@@ -119,6 +120,15 @@ class Finding:
     def is_cut(self) -> bool:
         """Whether the search of a tracker's frame spent the evaluations that it may take."""
         return self.task.budget is not None and self.evaluated >= self.task.budget
+
+    @property
+    def longer_search(self) -> str:
+        """What lets the search evaluate more, by the names of the options."""
+        if self.is_cut:
+            return "raise `search_budget` in `TrackingOptions`"
+        if self.task.sampling_task.sweep_cost <= LIMITS.exhaustive:
+            return 'evaluate more hyper-edges with `sampler="exhaustive"`'
+        return "evaluate more hyper-edges with a larger `budget` of `Guided`"
 
     @property
     def presence_probability(self) -> float:

@@ -241,10 +241,9 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
                 "ambiguous: nothing better was found, but no search meets every pose that explains so few points; "
                 f"{_enumerate_inputs([*to_give, 'more detections'])}"
             )
-        more = "raise `search_budget` in `TrackingOptions`" if finding.is_cut else "evaluate more hyper-edges"
         return (
             f"ambiguous: nothing better was found, but the search ended before it could exclude {missed}; "
-            f"{_enumerate_inputs([*to_give, 'fewer stray detections'])}, or {more}"
+            f"{_enumerate_inputs([*to_give, 'fewer stray detections'])}, or {finding.longer_search}"
         )
     prior = ", or give a `prior`" if PRIOR in to_give and to_tell != _enumerate_inputs([PRIOR]) else ""
     of, where = ("points", "`confidence`") if unsure else ("sightings", "`sightings`")  # of points that others show

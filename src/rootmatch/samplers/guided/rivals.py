@@ -71,8 +71,10 @@ def try_elsewhere(search: Search) -> float:
         return 0.0
     search.budget, best = min(search.budget, 2 * search.evaluated + LITTLE), every[0]
     free[best[best >= 0]] = False
-    (rest,), shown = np.nonzero(free), least_other_detections(search, int((best >= 0).sum()))
-    if not shown[-1] <= len(rest) <= CROWD or search._is_spent():
+    (rest,) = np.nonzero(free)
+    # none shows more detections than there are
+    shown = [count for count in least_other_detections(search, int((best >= 0).sum())) if count <= len(rest)]
+    if not shown or len(rest) > CROWD or search._is_spent():
         return 0.0
     missed = search._missed_among(rest, shown)
     return 0.0 if search._is_spent() else missed
@@ -116,7 +118,7 @@ def rival_miss_probability(
         tried, wanted = TriedSets(partial(views_of_parts, positions=search.positions), LOST_OF_ALL), True
     least = shown[-1]
     test = search._test(0, least)
-    for points in _rival_waves(search, tried, least) if wanted else search._waves():
+    for points in _rival_waves(search, tried, shown) if wanted else search._waves():
         sets, met = search._prepare_sets(points, len(arrangements)), 0
         first, tasks = 0, len(points) * len(arrangements)
         while first < tasks and (block := pace.block(min(tasks - first, _affordable_tasks(search, images, known)))):
@@ -177,27 +179,23 @@ def _looks_like_itself(search: Search) -> bool:
     return bool((beyond & hypotheses.differs_from_first()).any())
 
 
-def _rival_waves(search: Search, tried: TriedSets, least: int) -> Iterator[Integers]:
-    """Waves of few minimal sets that miss hardly any pose which shows so many points, any of them.
+def _rival_waves(search: Search, tried: TriedSets, shown: Sequence[int]) -> Iterator[Integers]:
+    """Waves of few minimal sets that miss hardly any pose which shows as many points as `rival_miss_probability` asks.
 
     The widest sets are often of the same few points: where one of these is hidden, all of them fail. So sets are drawn
     from the views that were met least often, and taken by width times what they cover that those before them do not.
     """
-    views, rng, size = tried.views(least), np.random.default_rng([search.n, least]), search.minimal
-    enough = RIVAL_MISSED
-    while True:
-        wave, needed = list[Integers](), tried.unmet(least)
-        while len(wave) < LARGEST_WAVE and needed.mean() > enough:
-            if len(wave) % TAKEN == 0:
-                places = rng.random((DRAWN, search.n)) + ~views[np.argpartition(-needed, DRAWN)[:DRAWN]]
-                sets = np.sort(np.argpartition(places, size, axis=1)[:, :size], axis=1)
-                covers, wide = sets_within_views(sets, views).astype(np.float32), width(search.positions, sets)
-            best = int((wide * (needed @ covers)).argmax())
-            wave.append(sets[best])
-            needed *= 1.0 - (1.0 - tried.lost) * covers[:, best]
-        if wave:
+    rng, size = np.random.default_rng([search.n, shown[-1]]), search.minimal
+    for least, enough in (*((count, RIVAL_MISSED) for count in reversed(shown)), (shown[0], MISSED)):
+        views = tried.views(least)
+        while (needed := tried.unmet(least)).mean() > enough:
+            wave = list[Integers]()
+            while len(wave) < LARGEST_WAVE and needed.mean() > enough:
+                if len(wave) % TAKEN == 0:
+                    places = rng.random((DRAWN, search.n)) + ~views[np.argpartition(-needed, DRAWN)[:DRAWN]]
+                    sets = np.sort(np.argpartition(places, size, axis=1)[:, :size], axis=1)
+                    covers, wide = sets_within_views(sets, views).astype(np.float32), width(search.positions, sets)
+                best = int((wide * (needed @ covers)).argmax())
+                wave.append(sets[best])
+                needed *= 1.0 - (1.0 - tried.lost) * covers[:, best]
             yield np.array(wave)
-        elif enough == MISSED:
-            return
-        else:
-            enough = MISSED
