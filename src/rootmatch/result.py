@@ -183,8 +183,7 @@ class Match:
     def prior_holds(self) -> bool | None:
         """Whether the prediction ``prior=`` held.
 
-        False if the pose that was found contradicts it by its distance, though it may have been found about it, or
-        `UP2P`'s vertical; None if neither is trusted or given.
+        False if the pose is too far from it, or contradicts `UP2P`'s vertical; None if neither is trusted or given.
         """
         return agrees_with_prior(self.finding)
 
