@@ -60,7 +60,7 @@ def test_fewest_matches_that_tell_a_pose() -> None:
     assert least_telling_matches(density, variance, 3, 1.0, 4) == 4  # 2.9 and 1.6
     assert least_telling_matches(density, variance, 3, 1e5, 8) == 6  # 11.5, 2.9 and 5.5, beside two matches 6.2
     assert least_telling_matches(density, variance, 3, 1e5, 60) == 8  # 25.8 in the place of 5.5
-    assert least_telling_matches(np.ones(60), variance, 3, 1e5, 8) == 8
+    assert least_telling_matches(np.ones(60), variance, 3, 1e5, 8) == 60
 
 
 def test_what_is_known_still_finds_few_stars() -> None:

@@ -91,7 +91,8 @@ class Search:
         self.possible = share**self.minimal
         """Share of the images of a minimal set that its points may have, as if they may have theirs independently."""
         images = self.possible * math.perm(self.n_target, self.minimal)
-        self.fewest = least_telling_matches(self.density, tables.variance, self.minimal, images, min(self.shape))
+        telling = least_telling_matches(self.density, tables.variance, self.minimal, images, min(self.shape))
+        self.fewest = min(telling, *self.shape)
         """Fewest matches that tell a pose from chance: a search need not go on for one that has fewer."""
         self.facing, self.view_cosine = np.ascontiguousarray(tables.normals[:3].T), task.view_cosine
         self.positions = np.ascontiguousarray(tables.points.T)

@@ -60,7 +60,7 @@ def least_telling_matches(density: Floats, variance: Floats, minimal: int, image
         choices = math.log(shown + 1.0) + math.log(math.comb(shown, matched))
         if (matched - minimal) * worth >= math.log(images) + choices + TRUSTED:
             return matched
-    return shown
+    return len(density)
 
 
 def has_found_enough(
