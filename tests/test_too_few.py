@@ -55,12 +55,12 @@ def test_no_more_is_searched_than_a_pose_takes_that_can_be_told() -> None:
 
 
 def test_fewest_matches_that_tell_a_pose() -> None:
-    """Each match beyond three is worth e⁹ here, one in 19 odds may be chance, and any number of points may be shown."""
-    density, variance = np.full(60, math.exp(-10.0) / (2.0 * math.pi)), np.ones(60)
-    assert least_telling_matches(density, variance, 3, 1.0, 4) == 4  # 2.9 and 1.6
-    assert least_telling_matches(density, variance, 3, 1e5, 8) == 6  # 11.5, 2.9 and 5.5, beside two matches 6.2
-    assert least_telling_matches(density, variance, 3, 1e5, 60) == 8  # 25.8 in the place of 5.5
-    assert least_telling_matches(np.ones(60), variance, 3, 1e5, 8) == 60
+    """Each match beyond three is worth e⁹ here, and 10⁷ sets are tried, of which one in 19 odds may be chance."""
+    density, variance = np.full(60, math.exp(-9.0) / (2.0 * math.pi)), np.ones(60)
+    assert least_telling_matches(density, variance, 3, 1.0) == 4
+    assert least_telling_matches(density, variance, 3, 1e6) == 5
+    assert least_telling_matches(density, variance, 3, 1e7) == 6
+    assert least_telling_matches(np.ones(60), variance, 3, 1e7) == 60
 
 
 def test_what_is_known_still_finds_few_stars() -> None:

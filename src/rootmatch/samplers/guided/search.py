@@ -90,9 +90,8 @@ class Search:
         """Mean number of clutter detections within a gate, of those that a point may have."""
         self.possible = share**self.minimal
         """Share of the images of a minimal set that its points may have, as if they may have theirs independently."""
-        images = self.possible * math.perm(self.n_target, self.minimal)
-        telling = least_telling_matches(self.density, tables.variance, self.minimal, images, min(self.shape))
-        self.fewest = min(telling, *self.shape)
+        sets = self.possible * math.comb(self.n, self.minimal) * math.perm(self.n_target, self.minimal)
+        self.fewest = min(least_telling_matches(self.density, tables.variance, self.minimal, sets), *self.shape)
         """Fewest matches that tell a pose from chance: a search need not go on for one that has fewer."""
         self.facing, self.view_cosine = np.ascontiguousarray(tables.normals[:3].T), task.view_cosine
         self.positions = np.ascontiguousarray(tables.points.T)

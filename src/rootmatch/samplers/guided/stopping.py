@@ -37,12 +37,11 @@ def false_alarm_level(tested: int, options: StoppingOptions) -> float:
     return math.log(max(tested, 1)) + options.beyond_chance
 
 
-def least_telling_matches(density: Floats, variance: Floats, minimal: int, images: float, shown: int) -> int:
-    """Fewest matches of a pose that the model of an image may trust, though nothing is known of it.
+def least_telling_matches(density: Floats, variance: Floats, minimal: int, sets: float) -> int:
+    """Fewest matches of a pose that is not expected among so many minimal sets by chance.
 
-    Each match beyond a minimal set is worth as much as one that noise puts off its place, of the detection in the
-    middle; see `verification.verify`. A minimal set is one of as many as there are images of one, and the matched
-    points one choice of all that are in view, any number of which is as probable.
+    A match beyond a minimal set is worth at most what it is exactly where it is predicted, of the detection in the
+    middle; see `verification.verify`. Fewer are neither trusted nor named with reason.
 
     Parameters
     ----------
@@ -50,17 +49,11 @@ def least_telling_matches(density: Floats, variance: Floats, minimal: int, image
         Of all detections about each, and of its bearing.
     minimal : int
         Matches of a minimal set.
-    images : float
-        Number of the images that a minimal set may have.
-    shown : int
-        Points in view.
+    sets : float
+        Number of sets with all their images.
     """
-    worth = -math.log(2.0 * math.pi * median(variance * density)) - 1.0
-    for matched in range(minimal + 1, shown + 1):
-        choices = math.log(shown + 1.0) + math.log(math.comb(shown, matched))
-        if (matched - minimal) * worth >= math.log(images) + choices + TRUSTED:
-            return matched
-    return len(density)
+    worth = -math.log(2.0 * math.pi * median(variance * density))
+    return minimal + math.ceil((math.log(sets) + TRUSTED) / worth) if worth > 0.0 else len(density)
 
 
 def has_found_enough(
