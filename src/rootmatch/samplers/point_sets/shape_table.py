@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
@@ -64,7 +65,7 @@ class ShapeTable:
         self.cells = np.floor(steepest / self.width).astype(np.int64) + 1
         self.begin = np.cumsum(self.cells) - self.cells
         # one order of corners after the other: all of them at once take three times the memory
-        keys, corners = list[Floats](), list[Integers]()
+        keys, corners = list[Floats](), list[NDArray[np.int16]]()
         for order, own in found:
             checkpoint()
             first, second, third = (sides[sum(pair) - 1, own] for pair in (order[:2], order[::2], order[1:]))

@@ -85,32 +85,30 @@ class CoveringSets:
         covers = (self._last(sets) < shown[:, None]).astype(np.float32)
         needed = np.ones(ORDERS, np.float32)
         worth = wide / max(float(wide.max()), 1e-300)
-        wave: list[tuple[int, int]] = []
         taken: list[tuple[Floats, int]] = []
-        known, left = np.zeros((0, 2)), len(sets)
-        while left:
-            if known is not self._tilts:
-                known = self._tilts
-                tilts = np.concatenate([np.zeros((1, 2)), known[:TILTS]]) if len(known) > 1 else known
-                met = 1.0 - self._lost(tilts)
-                each = np.tile(worth, (len(tilts), 1))
-                left = len(sets)
-                needed = np.ones(ORDERS, np.float32)
-                for tilt, best in taken:
-                    needed *= 1.0 - (1.0 - self._lost(tilt[None])[0]) * covers[:, best]
-            gain = np.array([(needed * own) @ covers for own in met / np.float32(1.0 - LOST)])
-            which, best = divmod(int((each * gain).argmax()), len(sets))
-            wave.append((which, best))
-            taken.append((tilts[which], best))
-            needed *= 1.0 - met[which] * covers[:, best]
-            each[:, best] = -1.0
-            left -= 1
-            if len(wave) == first or left == 0:
-                chosen = np.array(wave)
-                wave, first = [], further
-                yield np.ascontiguousarray(sets[chosen[:, 1]]), tilts[chosen[:, 0]]
-                if known is not self._tilts:
-                    left = len(sets)
+        while True:
+            known = self._tilts
+            tilts = np.concatenate([np.zeros((1, 2)), known[:TILTS]]) if len(known) > 1 else known
+            met, each = 1.0 - self._lost(tilts), np.tile(worth, (len(tilts), 1))
+            needed = np.ones(ORDERS, np.float32)
+            for tilt, best in taken:
+                needed *= 1.0 - (1.0 - self._lost(tilt[None])[0]) * covers[:, best]
+            wave: list[tuple[int, int]] = []
+            for number in range(len(sets)):
+                gain = np.array([(needed * own) @ covers for own in met / np.float32(1.0 - LOST)])
+                which, best = divmod(int((each * gain).argmax()), len(sets))
+                wave.append((which, best))
+                needed *= 1.0 - met[which] * covers[:, best]
+                each[:, best] = -1.0
+                if len(wave) == first or number == len(sets) - 1:
+                    chosen = np.array(wave)
+                    taken += [(tilts[which], best) for which, best in wave]
+                    wave, first = [], further
+                    yield np.ascontiguousarray(sets[chosen[:, 1]]), tilts[chosen[:, 0]]
+                    if known is not self._tilts:
+                        break  # all sets once more, with the tilts that were told
+            else:
+                return
 
     def tell(self, tilt: Floats) -> None:
         """Take tilts (2,) for known, those of a pose that is no accident."""
