@@ -129,7 +129,8 @@ def _log_gain_of_shape(
     exact = shape.covariance.reshape(n, size, n, size)[own][:, :, own]
     inward = white @ linear
     # the covariance of all matches with the exact shape, in units of theirs with the measured points
-    whole = np.einsum("iab,ibjc,jdc->iajd", inward, exact, inward, optimize=True)
+    whole = (inward @ exact.reshape(m, size, -1)).reshape(-1, m, size).swapaxes(0, 1) @ inward.swapaxes(1, 2)
+    whole = whole.swapaxes(0, 1).reshape(m, size, m, size)
     whole[np.arange(m), :, np.arange(m)] += white @ second[target] @ white.swapaxes(1, 2)
     values, axes = np.linalg.eigh(whole.reshape(m * size, -1))
     values = np.maximum(values, 1e-9)
@@ -149,7 +150,7 @@ def _log_gain_of_shape(
     part = np.append(1.0 / excess, 0.0)  # at last, the measured points
     variance = 1.0 + part[:, None] * (values - 1.0)
     rows, off = rows[:, :-2], rows[:, -2] - part[:, None] * rows[:, -1]
-    precision = np.einsum("ip,si,iq->spq", rows, 1.0 / variance, rows, optimize=True) + np.diag(ridge)
+    precision = (rows.T / variance[:, None]) @ rows + np.diag(ridge)
     slope = (off / variance) @ rows
     squared = (off**2 / variance).sum(axis=1) - (slope * np.linalg.solve(precision, slope[..., None])[..., 0]).sum(
         axis=1
