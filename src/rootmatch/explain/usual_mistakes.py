@@ -289,11 +289,7 @@ def _lens_mistakes(
     lenses = [one.lens for camera in cameras.values() for one in getattr(camera, "cameras", (camera,))]
     if any(isinstance(lens, Brown) and len(lens.values) in (4, 5) for lens in lenses):
         remedy = "use Camera.from_opencv_fisheye(K, D)"
-        yield Mistake(
-            "the lens' coefficients are those of a fisheye",
-            remedy,
-            filmed(_to_fisheye),
-        )
+        yield Mistake("the lens' coefficients are those of a fisheye", remedy, filmed(_to_fisheye))
     if any(isinstance(lens, KannalaBrandt) for lens in lenses):
         yield Mistake("the lens' coefficients are Brown's", "use Camera.from_opencv(K, dist)", filmed(_to_brown))
     if any(lens is not None for lens in lenses):

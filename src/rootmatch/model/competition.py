@@ -101,10 +101,12 @@ def joint_posterior(
     if (has_gains or named) and any(
         shares[k][:-1][unpredicted(models[k], parts[k], origins[k])].max(initial=0.0) >= WRONG_MODEL for k in distinct
     ):
-        add(of_each(lambda k: stray_log_gains(models[k], parts[k], origins[k])))
+        strays = of_each(lambda k: stray_log_gains(models[k], parts[k], origins[k]))
         hidden = of_each(lambda k: _hidden_log_odds(models[k], parts[k], origins[k]))
-        named[:] = [(k, mass + hidden[k]) for k, mass in named]
-        shares = weighed(named)
+        if any(np.any(one) for one in [*strays, *hidden]):  # not before one camera that is told no pose
+            add(strays)
+            named[:] = [(k, mass + hidden[k]) for k, mass in named]
+            shares = weighed(named)
     # a body may be in another place than that of its best mode
     probable = [(k, shares[k][:-1]) for k, _ in named]
     if disputed := {k for k, of in probable if of[~(uses[k] @ uses[k][int(of.argmax())])].sum() >= WRONG_MODEL}:

@@ -35,6 +35,7 @@ from rootmatch.tracking.followed_places import (
     clutter_after,
     copy_chance,
     log_absence,
+    log_chance,
     log_return,
     log_returned,
     overlooked_chance,
@@ -211,20 +212,19 @@ class Belief:
         if self.poses and isinstance(model.prior, Doubted):
             assert told.origins is not None
             origin, doubt = told.origins[:LOOKED_AT], model.prior.doubt
-        log_shares = np.log(np.maximum([*(shares * (1.0 - doubt)), doubt], 1e-300))  # the last is that of a new one
+        log_shares = log_chance(np.concatenate([shares * (1.0 - doubt), [doubt]]))  # the last is that of a new one
         back = self.presence_after_return(time)
         nothing = math.log(max(clutter_after(told, back), 1e-300)) - back
         continued = origin >= 0
         if origin.size > 1:  # what is less probable than that the frame does not show the body continues nothing
-            log_chances = np.log(np.maximum(told.probabilities[: len(origin)], 1e-300))
-            continued &= log_chances >= nothing + log_shares[origin]
+            continued &= log_chance(told.probabilities[: len(origin)]) >= nothing + log_shares[origin]
         first = int(continued.argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
         weighed, self.most = weigh_modes(
             found, origin, log_shares, (first, often), poses=self.poses, most=self.most, time=time
         )
         go_on = weighed.steps(found, model, nothing, log_shares)
-        own = (np.log(np.maximum(shares, 1e-300)) if doubt == 1.0 else log_shares[:-1] - math.log1p(-doubt)).tolist()
+        own = (log_chance(shares) if doubt == 1.0 else log_shares[:-1] - math.log1p(-doubt)).tolist()
         stay = [self._keep_unmatched(k, often * nothing, go_on, own) for k in range(len(self.poses))]
         stay = [one for one in stay if one.origin not in {step.origin for step in go_on}]
         self._follow(found, weighed, sorted([*stay, *go_on], key=lambda one: -one.total), time)
@@ -280,11 +280,10 @@ class Belief:
         if seen:
             return log_return(self.poses[0], time)
         before, since = (1.0, self.best.time) if self.poses else (self.absent, self.time)
-        last, told = dict[str, float](), found.posterior
+        ago, overlooked, told = 0.0, 1.0, found.posterior
         if self.room and told is not None and found.model is not None and mode < len(told.probabilities):
-            overlooked = overlooked_chance(found.model, told.modes, mode, self.room[1])
-            last = {"ago": time - self.room[0], "overlooked": overlooked}
-        return log_absence(before, time - since, time - self.excluded, **last)
+            ago, overlooked = time - self.room[0], overlooked_chance(found.model, told.modes, mode, self.room[1])
+        return log_absence(before, time - since, time - self.excluded, ago=ago, overlooked=overlooked)
 
     def log_other(self, k: int, pose: Pose | None, time: float, found: Finding, assignment: Integers) -> float:
         """Log-odds that what is found with a pose is something else, before it is known how well it fits.

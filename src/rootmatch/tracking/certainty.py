@@ -44,9 +44,9 @@ def pose_certainty(belief: Belief, found: Finding, time: float) -> tuple[float, 
         sure["it was not in view a moment ago, and little shows it now"] = returned
     origins = None if told is None else told.origins
     goes_on = -1 if not holds else 0 if origins is None else max(int(origins[found.mode]), 0)
-    pose = None if belief.given_up is None else found.pose
-    if belief.given_up is not None and pose is None and found.labellings is not None:
-        pose = matches_pose(found)  # between two point sets a finding has none of its own where no prediction holds
+    pose = None
+    if belief.given_up is not None:  # between two point sets a finding has no pose where no prediction holds
+        pose = matches_pose(found) if found.pose is None and found.labellings is not None else found.pose
     if holds:
         unseen = share_unseen(found, belief.poses, belief.places) if len(belief.poses) > 1 else 0.0
         sure |= {

@@ -174,6 +174,11 @@ def later_chance(chance: Chance, usual: float, seconds: float, lasts: float) -> 
     return usual + (chance - usual) * math.exp(-seconds / lasts)
 
 
+def log_chance(chance: Floats) -> Floats:
+    """Logarithms of probabilities, finite where these are 0."""
+    return np.asarray(np.log(np.maximum(chance, 1e-300)))
+
+
 def absence_chance(before: float, seconds: float) -> float:
     """Probability that a body is not in view, some seconds after it was not with another probability."""
     return later_chance(before, 1.0 - IN_VIEW, seconds, RETURN)
@@ -251,6 +256,6 @@ def relative_log_weights(model: DetectionModel, modes: Modes, each: Floats, own:
     (told,) = joint_posterior([model], [modes], [()])  # as if there was no other body
     same = (told.modes.assignments == modes.assignments[:, None]).all(axis=2)
     same &= (told.modes.position == modes.position[:, None]).all(axis=2)
-    without = np.log(np.maximum((same * told.probabilities).max(axis=1), 1e-300))
+    without = log_chance((same * told.probabilities).max(axis=1))
     shared = each - each[first] - (without - without[first])
     return np.asarray(own - own[first] + np.minimum(shared, 0.0))

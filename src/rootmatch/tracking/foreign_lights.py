@@ -17,6 +17,7 @@ from rootmatch.model.detection_model import USUAL_RATE
 from rootmatch.model.evidence import weigh_assignments
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.tracking.followed_places import log_chance
 from rootmatch.tracking.mistaken_identity import STAYS
 
 RECENT = 0.25
@@ -128,7 +129,7 @@ def doubtful_probability(found: Finding, doubtful: Integers, lit: Floats) -> Flo
 def _log_chance(found: Finding, right: Bools, points: Integers, lit: Floats) -> Floats:
     """Log-probability (K,) of which matches are right (K, m), by the probability (n,) that each point is lit."""
     dark = np.log(missed(found, lit)[points])
-    return np.asarray(np.where(right, np.log(np.maximum(lit[points], 1e-300)), dark).sum(axis=1))
+    return np.asarray(np.where(right, log_chance(lit[points]), dark).sum(axis=1))
 
 
 def _right_patterns(count: int) -> Bools:

@@ -16,7 +16,14 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST
 from rootmatch.model.priors import WRONG_MODEL
-from rootmatch.tracking.followed_places import LOOKED_AT, log_return, relative_log_weights, sole_odds, sort_into_places
+from rootmatch.tracking.followed_places import (
+    LOOKED_AT,
+    log_chance,
+    log_return,
+    relative_log_weights,
+    sole_odds,
+    sort_into_places,
+)
 from rootmatch.tracking.followed_pose import FollowedPose, Step, temper
 
 LIKELY = 0.5
@@ -100,7 +107,7 @@ def weigh_modes(
     places = place.tolist()
     if count > most and len(set(places)) == 1:
         most, alone[:] = count, max(alone[0], sole_odds(model, modes.take(slice(1)))[0])
-    each = np.log(np.maximum(told.probabilities[: len(origin)], 1e-300))
+    each = log_chance(told.probabilities[: len(origin)])
     followed, others = {one.place for one in poses}, False
     weight = log_shares[origin] + temper(each - log_shares[origin] - shown, origin, often) + more
     if not followed.issuperset(places):

@@ -90,12 +90,13 @@ class CoveringSets:
             known = self._tilts
             tilts = np.concatenate([np.zeros((1, 2)), known[:TILTS]]) if len(known) > 1 else known
             met, each = 1.0 - self._lost(tilts), np.tile(worth, (len(tilts), 1))
+            relative = met / np.float32(1.0 - LOST)
             needed = np.ones(ORDERS, np.float32)
             for tilt, best in taken:
                 needed *= 1.0 - (1.0 - self._lost(tilt[None])[0]) * covers[:, best]
             wave: list[tuple[int, int]] = []
             for number in range(len(sets)):
-                gain = np.array([(needed * own) @ covers for own in met / np.float32(1.0 - LOST)])
+                gain = np.array([(needed * own) @ covers for own in relative])
                 which, best = divmod(int((each * gain).argmax()), len(sets))
                 wave.append((which, best))
                 needed *= 1.0 - met[which] * covers[:, best]

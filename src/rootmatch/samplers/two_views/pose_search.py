@@ -133,7 +133,9 @@ class PoseSearch:
             tilt=math.sqrt(self.tilt2),
         )  # fmt: skip
         self.refined = TILTED_REFINED if self.tilt2 > 0.0 else POSES_REFINED
-        self.own_noise = self.noise - UNABSORBED * min(self.tilt2, TAKEN**2)
+        self.near = min(self.tilt2, TAKEN**2)
+        """Variance of the tilts for which a minimal set's pose is judged, and with which its refinement begins."""
+        self.own_noise = self.noise - UNABSORBED * self.near
         self.hypotheses: list[RelativeHypothesis] = []
         self.sets = 0
         self.solved = self.tested = self.evaluated = 0
@@ -279,11 +281,10 @@ class PoseSearch:
     def _refine_ratios(self, poses: Floats, tilts: Floats) -> tuple[Floats, Floats]:
         """Likelihood ratios (K, n, n') at poses (K, FIELDS) with tilts (K, 2), refined on all points; their tilts."""
         if self.tilt2 > 0.0:
-            near = min(self.tilt2, TAKEN**2)
-            alone = self.views._replace(source_variance=self.views.source_variance - UNABSORBED * near)
+            alone = self.views._replace(source_variance=self.views.source_variance - UNABSORBED * self.near)
             return refine_tilted(
                 alone, self.judge[:2], Tilted.of_sets(poses, tilts),
-                tilt2=self.tilt2, blurs=(near, BLURS[-1] * self.own_noise), breadth2=BREADTH**2,
+                tilt2=self.tilt2, blurs=(self.near, BLURS[-1] * self.own_noise), breadth2=BREADTH**2,
             )  # fmt: skip
         poses = np.ascontiguousarray(poses)
         ratios = np.zeros((len(poses), self.n, self.n_target))
