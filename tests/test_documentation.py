@@ -180,6 +180,7 @@ def test_figures_are_those_of_the_files() -> None:
 
 QUOTED = [
     ("README.md", "99 are called matched", "accuracy", "a drone with 6 LEDs"),
+    ("README.md", "ten points among ten clutter detections take 9 ms", "speed", "`P3P`, 10 + 10"),
     ("docs/faq.md", "99 of 100 simulated matches are called matched", "accuracy", "a drone with 6 LEDs"),
     ("docs/faq.md", "Ten points among ten clutter detections take 9 ms", "speed", "`P3P`, 10 + 10"),
     ("docs/howto/photogrammetry.md", "15 to 131 of 157 targets", "accuracy", "157 targets"),
@@ -196,6 +197,16 @@ def test_figures_in_sentences_are_those_of_the_files(page: str, words: str, file
         (row,) = (row for row in csv.reader(rows) if row[0].startswith(begin))
     known = {round(float(number)) for number in re.findall(r"\d+(?:\.\d+)?", " ".join(row))}
     assert {int(number) for number in re.findall(r"\d+", words)} <= known
+
+
+def test_the_readme_says_how_sure_as_the_table_does() -> None:
+    table = (ROOT / "docs" / "trust.md").read_text(encoding="utf-8")
+    row = re.search(r"^\| \*\*all\*\* \|.*$", table, re.MULTILINE)
+    assert row is not None
+    trusted, wrong, expected = row[0].strip("| ").split(" | ")[-3:]
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert f"of {int(trusted):,} bodies that it called *matched*" in readme
+    assert f"{wrong} are wrong; its own probabilities predicted {float(expected):.0f} " in readme
 
 
 def test_the_time_of_the_headset_is_that_of_the_leaderboard() -> None:
