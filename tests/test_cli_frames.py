@@ -530,6 +530,7 @@ def test_a_tracker_names_the_problems_that_it_takes(folder: Path) -> None:
     assert "'p3p', 'up2p', 'rigid', 'similarity'" in run("track", *both, "--problem", "3p1", *options).stderr
     shown = run("track", "--help").stdout
     assert not any(name in shown for name in ("3p1", "planar", "up2pf"))
+    assert f"({rm.TrackingOptions().search_budget})" in shown
     assert "--noise: auto given" in run("track", *both, *OPTIONS, "--noise", "auto").stderr
 
 

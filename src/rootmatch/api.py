@@ -125,14 +125,15 @@ def match(
         sets (`ThreePlusOne`, `PlanarMotion`, `Similarity`, `Rigid`), one number holds for both, n' numbers are those of
         the target with their root mean square for the source, and a pair ``(source, target)`` gives each, as a number
         or one for each point: ``(0.0, 0.3)`` for an exact plan. For `Similarity` and `Rigid`, each may also be a σ for
-        each axis, (m, k) for m points, or covariances (m, k, k); the search then gates with the mean over the axes,
-        and matches are weighed and poses fitted with all of it. For P3P and UP2P, also with rigs, it may be the
-        covariance of each detection, (n', 2, 2) in px², as of blobs that motion blurs along a direction; searches gate
-        with the mean over the axes, the model of the image has all of it. For a rig, a list may have one of these for
-        each camera. ``"auto"`` estimates it from the match, in a few rounds; beside ``source_noise``, as that of the
-        detections alone. Zero is refused for a target.
+        each axis, (m, k) for m points, or covariances (m, k, k); the search then gates with the mean over the axes, and
+        matches are weighed and poses fitted with all of it. For P3P and UP2P, also with rigs, it may be the covariance
+        of each detection, (n', 2, 2) in px², as of blobs that motion blurs along a direction; searches gate with the
+        mean over the axes, the model of the image has all of it. For a rig, a list may have one of these for each
+        camera. ``"auto"`` estimates it from the match, in a few rounds; with ``source_noise``, it estimates that of the
+        detections alone. The noise of a target must not be zero.
     normals : (n, 3) array, optional
-        Outward normals of the source points: a point is visible only from its front. Zero rows for unknown.
+        Outward normals of the source points: a point is visible only from its front. A row of zeros is an unknown
+        normal.
     view_angle : float or (n,) array, optional
         Angle from its normal up to which a point is visible, in radians, in (0, π]; by default π/2, less likely beyond
         π/3. The edge is soft: visibility fades within a few degrees on either side, is half at the angle itself, and is
@@ -141,15 +142,15 @@ def match(
         Probability that a visible point is detected: each point that a pose predicts and that is not detected counts
         against the pose. Estimated by default.
     resolution : float, optional
-        Distance in pixels below which the detector makes one detection of two points of a body, at their mean. A pose
-        then expects one there, `Match.assignment` names the surest of its points, and the others count as hidden. By
-        default every point has a detection of its own. For P3P and UP2P with cameras that have pixels, also in rigs.
+        Distance in pixels below which the detector merges two points of a body into one detection, at their mean.
+        `Match.assignment` then names the most certain of these points, and the others count as hidden. By default every
+        point has its own detection. For P3P and UP2P with cameras that have pixels, also in rigs.
     min_probability : float, optional
         Posterior probability from which a match is trusted: its pose, and those of its matches that remain when
         doubtful ones are left out. By default 0.95. Below 0.999, as the model itself may be wrong.
     candidates : (n, n') array, optional
-        Bool: the possible correspondences. Numbers: weights, such as likelihood ratios of a measurement, that choose
-        and count as evidence: only their ratios within a row do. 0 excludes a correspondence.
+        Booleans: the possible correspondences. Numbers: weights, such as likelihood ratios of a measurement, which
+        count as evidence; only their ratios within a row matter. 0 excludes a correspondence.
     bodies : (n,) array of whole numbers or strings, optional
         The rigid body that each source point belongs to: bodies move independently, hyper-edges stay within a body, and
         no detection is used twice. `Match.bodies` has the match of each body; the whole is as trustworthy as the least
@@ -158,12 +159,12 @@ def match(
         Number of rigid motions to find.
     prior : Pose, PosePrior or dict, optional
         A predicted pose with its covariance, ``Pose(R, t, covariance)``: it narrows the candidates and enters the fit
-        as a Gaussian, so three visible points are enough. If it decides, a match takes about a millisecond. If not, a
-        full search runs without it, and `Match.prior_holds` says whether it was wrong. Partial knowledge, a rotation, a
-        position or a vertical, is a `rootmatch.PosePrior`: it narrows the search and enters the fit. For P3P, also with
-        rigs, UP2P, and Rigid and Similarity, whose pose is that of the motion; for Similarity, a covariance (7, 7)
-        tells the scale as well, (6, 6) leaves it open, and (4, 4) or (3, 3) in a plane. With ``bodies``, a dict from
-        labels to either.
+        as a Gaussian, so three visible points are enough. If it settles the match, no search is needed. Otherwise a
+        full search runs without it, and `Match.prior_holds` says whether the prediction was right. Partial knowledge, a
+        rotation, a position or a vertical, is a `rootmatch.PosePrior`: it narrows the search and enters the fit. For
+        P3P, also with rigs, UP2P, and Rigid and Similarity, whose pose is that of the motion; for Similarity, a
+        covariance (7, 7) covers the scale as well and (6, 6) leaves it open; in a plane these are (4, 4) and (3, 3).
+        With ``bodies``, a dict from labels to either.
     source_noise : float, (n,), (n, 3) or (n, 3, 3) array, optional
         Standard deviation of a coordinate of the source points, in their unit: one number for all, one for each point,
         or one for each axis of each point; or the covariance of each point. Exact by default. For P3P and UP2P, also
@@ -184,10 +185,10 @@ def match(
         if the match is not trusted. With several motions it is ``"guided"`` above 200 million or, if the problem
         supports it, completes minimal sets to find all hyper-edges that agree.
     samples : int, optional
-        Number of random hyper-edges, 100 000 by default; of the random sampler, which it chooses, and no other.
+        Number of random hyper-edges, 100,000 by default. It selects the random sampler, and is refused with any other.
     residual : str or Residual
         How badly the correspondences of a hyper-edge agree: ``"joint"``, the default, and ``"normalised"`` are in units
-        of the noise; ``"qr"``, ``"qr-both"`` and ``"svd"`` are those of the paper, and no pose judges what they find.
+        of the noise; ``"qr"``, ``"qr-both"`` and ``"svd"`` are those of the paper, whose matches no pose judges.
         See `rootmatch.Residual`.
     rho : float, optional
         Spread ρ of the affinity, in units of the residual r: a weight is exp(−r² / 2ρ²) in units of the noise, where ρ
@@ -199,9 +200,9 @@ def match(
         its assignment is a proposal among those of the hyper-edges, and an `InputWarning` says so.
     preset : "paper", optional
         The published method: random hyper-edges, ∣R₂ₙ,₂ₙ∣ of one pair, a ρ for each problem, power iteration with ℓ¹
-        rows. A point stays unmatched only where no hyper-edge supports its targets. Other arguments override parts of
-        it: ``solver="power-l1-balanced"`` is better if n = n'. The default is all hyper-edges, the joint residual and
-        the multi-start ascent.
+        rows. A point stays unmatched only if no hyper-edge supports any of its targets. Other arguments override parts
+        of it: ``solver="power-l1-balanced"`` is better if n = n'. The default is all hyper-edges, the joint residual
+        and the multi-start ascent.
     backend : {"auto", "cpu", "cuda", "cuda-float32"}
         Where hyper-edges are evaluated and the tensor is contracted: on the CPU, or on an NVIDIA GPU through numba-cuda
         (the extra ``gpu``). ``"auto"`` is the GPU if there is one and at least 200 million hyper-edges are evaluated. A
@@ -223,9 +224,9 @@ def match(
     Raises
     ------
     InputError
-        If the input cannot be used or is larger than the limits; the text says what to do. So is a target with fewer
-        points than one hyper-edge, 4 for `P3P` (with ``prior``, without any), where `Matcher` and `Tracker` answer
-        with an untrusted match.
+        If the input cannot be used or is larger than the limits; the text says what to do. This includes a target with
+        fewer points than a hyper-edge has, 4 for `P3P` (with ``prior``, one without any); `Matcher` and `Tracker`
+        return an untrusted match instead.
     """
     started = time.perf_counter()
     options = MatchOptions.among(locals())

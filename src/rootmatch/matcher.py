@@ -45,7 +45,7 @@ class Matcher:
     """`rootmatch.match` for many images of the same source points.
 
     The source is checked once: five markers against eight detections take a few milliseconds. Kernels are compiled when
-    a frame first needs them; if no frame may wait, call `rootmatch.warmup` before the first one.
+    a frame first needs them. If no frame may wait for that, call `rootmatch.warmup` before the first one.
 
     Parameters
     ----------

@@ -49,8 +49,8 @@ ADVISED = 0.5
 class Match:
     """The result of matching: an assignment, how far to trust it, and what it was found from.
 
-    A match is true in a condition (``if match:``) only if it can be trusted. What `finding` and `shown`, which are
-    internal, do not hold is computed when it is first read.
+    A match is true in a condition (``if match:``) only if it can be trusted. Poses, alternatives and whatever else is
+    seldom needed are computed when they are first read; `finding` and `shown` are internal.
 
     Attributes
     ----------
@@ -168,12 +168,12 @@ class Match:
 
     @property
     def noise_factor(self) -> float | None:
-        """Ratio of the noise by the residuals about the best pose to that stated; None without a pose or residuals."""
+        """Ratio of the noise that the residuals suggest to the stated noise; None without a pose or residuals."""
         return noise_factor(self.finding)
 
     @property
     def point_error(self) -> float:
-        """Standard deviation of each source coordinate with which a body fits though nobody stated it; 0.0 without.
+        """Standard deviation of source coordinates with which a body fits although none was stated; 0.0 if not needed.
 
         Covariances of poses allow for it; `noise_factor`, and ``chi2`` and ``rms_sigma`` of poses, do not.
         """
@@ -181,9 +181,9 @@ class Match:
 
     @property
     def prior_holds(self) -> bool | None:
-        """Whether the prediction ``prior=`` held.
+        """Whether the trusted pose agrees with ``prior=``.
 
-        False if the pose is too far from it, or contradicts `UP2P`'s vertical; None if neither is trusted or given.
+        False if it is too far off, or contradicts the vertical of `UP2P`; None without a prior or a trusted pose.
         """
         return agrees_with_prior(self.finding)
 
@@ -201,7 +201,7 @@ class Match:
         is matched. It comes from a model of all observations, in which the object may be absent, or two views may have
         nothing in common (docs/model.md). With several motions it is the product of theirs, each weighed with the
         points and detections that the others leave, and in two views that of all of them together. None if the problem
-        fits no poses, for the paper's residuals, and if ``max_seconds`` were over before anything was weighed.
+        fits no poses, and for the paper's residuals.
         """
         return self._told("probability", np.prod)
 
@@ -223,7 +223,7 @@ class Match:
 
     @cached_property
     def log_odds(self) -> float | None:
-        """Log-odds of the assignment and its pose against clutter alone, 0.0 without any; None if `probability` is."""
+        """Log-odds of the match against clutter alone, 0.0 if nothing is matched; None if `probability` is."""
         return self._told("log_odds", np.sum)
 
     def _told(self, name: str, of_bodies: Callable[[list[float]], Any]) -> float | None:
@@ -274,8 +274,8 @@ class Match:
 
         Fitted to all matches of the motion by maximum likelihood, with the noise that was given or estimated. None for
         a motion with fewer matches than a pose needs (`Problem.least_for_pose`), or if no pose puts them in front of
-        the camera. The covariance is that of the noise, given that the assignment is right; a prior that holds is part
-        of the fit, which between two point sets is then told without χ² and residuals.
+        the camera. The covariance describes the effect of the noise if the assignment is right. A prior that holds is
+        part of the fit; between two point sets such a pose has no χ² and no residuals.
 
         Raises
         ------
@@ -293,8 +293,8 @@ class Match:
     def other_poses(self) -> list[tuple[Pose, float]]:
         """Other poses that fit the same matches, with their posterior probabilities, the most probable first.
 
-        Nearly flat objects have a second one with reversed depth. If none is certain, the match is ambiguous, even if
-        its assignment is certain. Empty for problems without a pose of their camera.
+        Nearly flat objects have a second one with reversed depth. If no pose is certain, the match is ambiguous, even
+        if its assignment is certain. Empty for problems that have no camera pose.
         """
         return other_poses(self.finding)
 
@@ -311,7 +311,7 @@ class Match:
 
     @property
     def pose(self) -> Pose | None:
-        """The pose of the only body, else None, as of derived problems; see `poses` and `bodies` of several."""
+        """The pose of the only body, None for problems without poses; for several bodies see `poses` and `bodies`."""
         poses = self.poses if self.problem.least_for_pose else []
         return poses[0] if len(poses) == 1 else None
 

@@ -42,12 +42,12 @@ class Camera(CameraModel):
     lens : Lens, optional
         The lens model; see `from_opencv` and `from_opencv_fisheye`.
     size : (width, height), optional
-        Size of the image in pixels. A pose then does not expect points outside of it; without a size, every point in
-        front of the camera counts as visible, and the principal point as the middle of the image.
+        Size of the image in pixels. A pose then does not expect points outside it. Without a size, every point in front
+        of the camera counts as visible, and the principal point is taken as the middle of the image.
     focal_noise, centre_noise : float
-        Standard deviations in pixels of the calibration: of the focal length, by which fx and fy are off together, and
-        of each coordinate of the principal point. Poses of `rootmatch.P3P` and `rootmatch.UP2P` allow for them; the
-        camera is exact by default. For one that was made otherwise: ``dataclasses.replace(camera, focal_noise=2.0)``.
+        Standard deviations in pixels of the calibration: of the focal length (fx and fy are off together) and of each
+        coordinate of the principal point. Poses of `rootmatch.P3P` and `rootmatch.UP2P` allow for them; by default the
+        camera is exact. To add them to an existing camera: ``dataclasses.replace(camera, focal_noise=2.0)``.
 
     Raises
     ------
@@ -57,7 +57,7 @@ class Camera(CameraModel):
     Warns
     -----
     InputWarning
-        If the focal lengths differ by more than a quarter, as where the principal point was given first.
+        If the focal lengths differ by more than a quarter, as they do if the principal point was given first.
     """
 
     fx: float = None  # type: ignore[assignment]

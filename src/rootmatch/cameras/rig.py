@@ -28,10 +28,10 @@ FORMS = "of a rig, give (pixels, index of the camera of each) or a list of array
 class Rig(CameraModel):
     """Several cameras with fixed poses on one body.
 
-    Its detections are rows of x, y and the index of the camera, a pair ``(pixels, index)`` of arrays (n', 2) and (n',),
-    or a list of arrays (m, 2), one for each camera, ``[]`` where it detects nothing. Those are numbered as after
-    ``np.concatenate``, one camera after the other. The pose of a match takes the points into the frame of the rig,
-    ``x_rig = R X + t``, in which its cameras are given.
+    Its detections are given as rows of x, y and the index of the camera, as a pair ``(pixels, index)`` of arrays (n',
+    2) and (n',), or as a list of arrays (m, 2), one for each camera (``[]`` if it detects nothing), which are numbered
+    as after ``np.concatenate``, one camera after the other. The pose of a match takes the points into the frame of the
+    rig, ``x_rig = R X + t``, in which its cameras are given.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ class Rig(CameraModel):
         points outside the images; without sizes, every point in front of a camera counts as visible.
     rotation_noise, position_noise : float or (C,) array
         Standard deviations of the poses of all cameras, or of each: of a rotation about each axis, in radians, and of
-        the camera's centre along each axis, in the unit of t. They are 0 by default, and of a camera whose frame is
-        that of the rig. What is known of focal lengths and principal points is told to each `rootmatch.Camera`.
+        the camera's centre along each axis, in the unit of t. They are 0 by default; use 0 for a camera whose frame is
+        that of the rig. How well focal lengths and principal points are known is stated for each `rootmatch.Camera`.
 
     Raises
     ------

@@ -154,7 +154,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Point correspondences from geometry alone.",
+    help="Find out which detection is which point, and the pose, from geometry alone.",
 )
 for _name, _command in COMMANDS.items():
     app.command(_name)(_command)
@@ -166,7 +166,7 @@ def _options(
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Point correspondences from geometry alone."""
+    """Find out which detection is which point, and the pose, from geometry alone."""
 
 
 def main() -> None:

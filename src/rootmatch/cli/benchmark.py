@@ -61,7 +61,7 @@ def benchmark(
         Path | None, typer.Option(metavar="FILE", help="blind: a Python file with a function ransac_match.")
     ] = None,
 ) -> None:
-    """Measure kernels, contraction, whole matches and memory on this machine, or methods on real targets or blind PnP.
+    """Measure speed and memory on this machine, or methods on real targets or blind PnP.
 
     Kernels are compared with batched numpy.linalg.qr of the same problem's matrices in the same run. The first run
     compiles, which takes minutes and is not timed; later runs take about a minute on two cores.

@@ -99,7 +99,7 @@ SourceNoise = Annotated[
 VerticalCamera = Annotated[
     str | None,
     points(
-        "up2p and alike: the direction 'down' in the camera frame (x right, y down, z forward).",
+        "With a known vertical: the direction 'down' in the camera frame (x right, y down, z forward).",
         metavar="X,Y,Z",
         default="that of the camera file",
     ),
@@ -107,7 +107,9 @@ VerticalCamera = Annotated[
 VerticalWorld = Annotated[
     str | None,
     points(
-        "up2p and alike: the direction 'down' in the model's frame.", metavar="X,Y,Z", default="that of the camera file"
+        "With a known vertical: the direction 'down' in the model's frame.",
+        metavar="X,Y,Z",
+        default="that of the camera file",
     ),
 ]
 VerticalNoise = Annotated[
@@ -143,15 +145,17 @@ Normals = Annotated[bool, points("Use the columns nx,ny,nz if the model has them
 ViewAngle = Annotated[
     float | None,
     points(
-        "A point is visible up to about this angle from its normal, in degrees; it fades over a few.",
+        "A point is visible up to about this angle from its normal, in degrees; visibility fades over a few degrees.",
         metavar="DEG",
         default="90",
     ),
 ]
 MinProbability = Annotated[
-    float | None, points("Lowest posterior probability of a match that is trusted.", metavar="P", default="0.95")
+    float | None, points("Posterior probability from which a match is trusted.", metavar="P", default="0.95")
 ]
-Resolution = Annotated[float | None, points("Two points of a body nearer than this are one detection.", metavar="PX")]
+Resolution = Annotated[
+    float | None, points("Two points of a body whose images are nearer than this give one detection.", metavar="PX")
+]
 DetectionRate = Annotated[
     float | None, points("Probability that a visible point is detected.", metavar="P", default="estimated")
 ]
@@ -166,14 +170,14 @@ Prior = Annotated[
 Known = Annotated[
     Path | None,
     points(
-        "p3p, up2p, rigid, similarity: rotation, position or vertical that is known, of each frame and body; σ in "
-        "degrees, of a position in the model's unit.",
+        "p3p, up2p, rigid, similarity: known rotation, position or vertical of each frame and body; σ of angles "
+        "in degrees, of positions in the model's unit.",
         metavar="CSV",
     ),
 ]
 Jobs = Annotated[int | None, method("Many frames: number of processes, -1 for all cores.", metavar="N", default="1")]
 Resume = Annotated[
-    bool, output("--resume", "Many frames: continue the files of an interrupted run; else they must not exist.")
+    bool, output("--resume", "Many frames: continue the files of an interrupted run; without it, they must not exist.")
 ]
 Candidates = Annotated[
     Path | None, points("Possible source,target pairs, optionally with a prior weight.", metavar="CSV")

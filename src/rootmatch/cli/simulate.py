@@ -30,7 +30,7 @@ NOISE_OF_EXACT_SCENES = 0.1
 
 
 def simulate(
-    problem: Annotated[SceneName, typer.Argument(help="Which scene of the paper.", case_sensitive=False)],
+    problem: Annotated[SceneName, typer.Argument(help="The problem whose scene is simulated.", case_sensitive=False)],
     output: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write.")],
     points: Annotated[int, typer.Option(metavar="N", help="Source points with an image.")] = 10,
     outliers: Annotated[int, typer.Option(metavar="N", help="Image points without a source point.")] = 0,
@@ -56,7 +56,7 @@ def simulate(
 ) -> None:
     """Write model.csv, image.csv, truth.csv and camera.json of a simulated scene.
 
-    Prints the command that matches them. Exit code 0: written; 2: bad input, nothing is written.
+    The command that matches them is printed. Exit code 0: written; 2: bad input, nothing is written.
     """
     from rootmatch.io import check_output, check_output_folder, parse_camera, path_of_camera_text
 

@@ -29,20 +29,22 @@ motion = option.option_factory("Motion")
 
 Velocity = Annotated[
     float | None,
-    motion("Speed of the body on each axis, in radii of it a second; 0.3 for a map.", metavar="R/S", default="15"),
+    motion("Speed of the body on each axis, in its radii per second; 0.3 for a map.", metavar="R/S", default="15"),
 ]
 Acceleration = Annotated[
     float | None, motion("Acceleration on each axis, in radii/s²; 1 for a map.", metavar="R/S2", default="100")
 ]
 AngularVelocity = Annotated[
-    float | None, motion("Speed of turning about each axis, in degrees/s.", metavar="DEG/S", default="229")
+    float | None, motion("Angular speed about each axis, in degrees/s.", metavar="DEG/S", default="229")
 ]
 AngularAcceleration = Annotated[
-    float | None, motion("Acceleration of turning about each axis, in degrees/s².", metavar="DEG/S2", default="1719")
+    float | None, motion("Angular acceleration about each axis, in degrees/s².", metavar="DEG/S2", default="1719")
 ]
 SearchBudget = Annotated[
     int | None,
-    motion("Evaluations of a search at 60 frames/s; more for a body of many points.", metavar="N", default="30000"),
+    motion(
+        "Evaluations of a frame's search at 60 frames/s; more for a body of many points.", metavar="N", default="60000"
+    ),
 ]
 TURNING = "angular_velocity", "angular_acceleration"
 
@@ -127,7 +129,7 @@ Poses = Annotated[
 PoseFormat = Annotated[
     PoseFormatName | None,
     option.output(
-        "Format of the poses; tum: time, and the camera in the frame of the points, of matched frames.",
+        "Format of the poses; tum: for each matched frame, its time and the camera in the frame of the points.",
         default="by the suffix",
     ),
 ]
@@ -137,7 +139,7 @@ SkipBadFrames = Annotated[
     bool,
     typer.Option(
         "--skip-bad-frames",
-        help="Leave out frames that are faulty or out of order, with a warning; else they end the run.",
+        help="Leave out frames that are faulty or out of order, with a warning; by default they end the run.",
     ),
 ]
 Matches = Annotated[Path | None, option.output("Write frame,source,target,weight,motion.", metavar="CSV")]
@@ -175,7 +177,7 @@ def track(
     skip_bad_frames: SkipBadFrames = False,
     diagnose: Diagnose = False,
 ) -> None:
-    """Follow one or several bodies through the frames of a camera.
+    """Follow one or several bodies through the frames of a camera or an optical tracker.
 
     Each frame is predicted from the previous ones. A row is written as soon as
     its frame is complete: at an empty line, or when the next frame begins.

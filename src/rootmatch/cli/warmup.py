@@ -15,11 +15,11 @@ def warmup(
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
 ) -> None:
-    """Compile the kernels of usual matches for this machine, on all cores.
+    """Compile the kernels of ordinary matches for this machine, on all cores.
 
     The kernels of a wheel run on any processor of its kind; those compiled here are made for this one and take
-    precedence. Run it once for each version of rootmatch, Numba and Python. Without a wheel, it saves the first match
-    the wait.
+    precedence. Run it once for each version of rootmatch, Numba and Python. Without a wheel, the first match would have
+    to compile them.
 
     Exit code 0: compiled; 130: interrupted, what is compiled is kept.
     """

@@ -47,7 +47,7 @@ MIN_PROBABILITY = 0.95
 
 
 class Status(Enum):
-    """Whether to believe a match; `rootmatch.Match.advice` says what to do about it in the words of its problem.
+    """Whether a match can be trusted; `rootmatch.Match.advice` says what to do about it.
 
     `decide` derives it. UNTRUSTED: the object may not be there, or no pose fits the assignment. AMBIGUOUS: the object
     is there, but its pose is not certain: no pose has the probability `min_probability` or, if none is known, the

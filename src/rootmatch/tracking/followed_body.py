@@ -66,11 +66,11 @@ class TrackingOptions(Options):
     interval : float
         Seconds between frames that are given without a time.
     coasting : float
-        Seconds without a match after which a body is lost, whatever the interval: three intervals or more let it be
-        missed in a frame or two. At a frame a second, the default takes one missed frame.
+        Seconds without a match after which a body is lost, whatever the interval. With three intervals or more, it may
+        be missed in a frame or two; at one frame a second, the default allows for one missed frame.
     present : float
-        Number of detections, relative to the last matched frame, from which a frame whose prediction fails is searched:
-        with fewer, the body is hidden. A round value.
+        Number of detections, relative to the last matched frame, from which a frame is searched if its prediction
+        fails; with fewer, the body is taken to be hidden. A round value.
     search_budget : int
         Evaluations of a search at 60 frames a second, in proportion more at longer intervals, all but that of the first
         frame: with what else is done in such a frame, 5 to 10 ms. The next search draws other minimal sets. A lost body

@@ -44,12 +44,12 @@ TURNS = 3
 
 
 class Tracker:
-    """`rootmatch.match` for the frames of a sequence, each of which predicts the next.
+    """`rootmatch.match` for the frames of a sequence, in which each frame predicts the next.
 
-    The first frame is matched as by `rootmatch.Matcher`. From then on, a Kalman filter of its motion predicts a pose
-    with its covariance, the prior of the next match: a frame takes a few milliseconds. A body that is not found is
-    still predicted for a while; then it is lost and searched for: each frame looks for one body, in one camera of a
-    rig. `rootmatch.warmup` compiles kernels beforehand. Threads that share a tracker take turns.
+    The first frame is matched as by `rootmatch.Matcher`. From then on, a Kalman filter of its motion predicts each pose
+    with its covariance, and the prediction is the prior of the next match: a frame takes a few milliseconds. A body
+    that is not found is still predicted for a while. Then it is lost and searched for: each frame looks for one body,
+    in one camera of a rig. `rootmatch.warmup` compiles kernels beforehand. Threads that share a tracker take turns.
 
     Parameters
     ----------
@@ -138,9 +138,9 @@ max_evaluations
 
     @property
     def noise_factor(self) -> float:
-        """Ratio, 1 or more, of the noise that the frames so far suggest to the stated one; their σ is multiplied by it.
+        """Ratio (1 or more) of the noise that the frames so far suggest to the stated one; σ is multiplied by it.
 
-        A rig's calibration that is off by a pixel is as good as noise of that size: a factor of 2 says so.
+        A rig whose calibration is off by a pixel looks like noise of that size, so a factor of 2 or more is a warning.
         """
         return self._noise.factor
 

@@ -29,11 +29,11 @@ SAME = 1e-6
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PosePrior:
-    """What is known of a body's pose x' = R x + t before its image is seen; nothing is assumed of the rest.
+    """What is known of a body's pose x' = R x + t before its image is seen; nothing is assumed about the rest.
 
-    An inertial sensor knows the vertical, or a rotation; a magnetic or acoustic one a position. Any two of them, or all
-    three, can be given together. Each is taken to be independent of the others. In a plane, of two
-    point sets, R is (2, 2) and t (2,).
+    An inertial sensor measures the vertical, or a rotation; a magnetic or acoustic one a position. They can be given in
+    any combination, and are taken to be independent of each other. For two point sets in a plane, R is (2, 2) and t
+    (2,).
 
     Parameters
     ----------
@@ -42,8 +42,7 @@ class PosePrior:
         or a covariance (3, 3).
     position : ((3,) array, σ), optional
         t, the origin of the points in the camera frame, and its standard deviation in the unit of the points: one
-        number, three, or a covariance (3, 3). Of an axis of which nothing is known, say of all but the depth, give the
-        size of the space.
+        number, three, or a covariance (3, 3). For an axis of which nothing is known, give the size of the space.
     vertical : ((3,) array, (3,) array, σ), optional
         The same direction, say down, in the frame of the points and in that of the camera, of any length, and its
         standard deviation in radians on each of two axes.
