@@ -180,10 +180,10 @@ def match(
     sampler : {"auto", "exhaustive", "random", "guided"} or Sampler
         Which hyper-edges are evaluated: all, random ones, or those that a guided search finds. You can also pass a
         sampler: `rootmatch.Guided` with its options, `rootmatch.samplers.completion.Completion`, or one of your own,
-        which takes a `rootmatch.samplers.base.SamplingTask`. ``"auto"`` is ``"guided"`` above two million hyper-edges.
-        For P3P and UP2P it is so above a hundred thousand, and up to two million all of them are evaluated afterwards
-        if the match is not trusted. With several motions it is ``"guided"`` above 200 million or, if the problem
-        supports it, completes minimal sets to find all hyper-edges that agree.
+        which takes a `rootmatch.samplers.base.SamplingTask`. ``"auto"`` is ``"guided"`` for two images, two point sets
+        and `UP2PF`. For P3P and UP2P it is so above a hundred thousand hyper-edges, and up to two million all of them
+        are evaluated afterwards if the match is not trusted. With several motions it is ``"guided"`` above 200 million
+        or, if the problem supports it, completes minimal sets to find all hyper-edges that agree.
     samples : int, optional
         Number of random hyper-edges, 100,000 by default. It selects the random sampler, and is refused with any other.
     residual : str or Residual

@@ -31,12 +31,12 @@ class Residual:
     Parameters
     ----------
     kind : str
-        ``"qr"``: ∣R₂ₙ,₂ₙ∣ of the Sylvester matrix (paper); ``"qr-both"``: the lesser over x and 1/x; ``"svd"``: its
-        least singular value; ``"normalised"``: one resultant in units of its standard deviation; ``"joint"``: √χ² of
-        all constraints.
+        ``"qr"``: ∣R₂ₙ,₂ₙ∣ of the Sylvester matrix (paper); ``"qr-both"``: the smaller one over x and 1/x; ``"svd"``:
+        its smallest singular value; ``"normalised"``: one resultant in units of its standard deviation; ``"joint"``:
+        √χ² of all constraints.
     pairs : tuple of int
-        Which pairs of minimal sets are compared (P3P: 0–5, the shared two of four points; up2p: 0–2; 3P1: 0–5);
-        several: the greatest of their residuals. The paper uses one. ``"joint"`` has no such choice.
+        Which pairs of minimal sets are compared (P3P: 0–5, the shared two of four points; up2p: 0–2; 3P1: 0–5); with
+        several, the largest of their residuals counts. The paper uses one. ``"joint"`` has no such choice.
     """
 
     kind: str = "joint"

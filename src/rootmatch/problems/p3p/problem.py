@@ -29,7 +29,7 @@ KEPT_POINTS = 64
 class P3P(Problem):
     """Pose of a calibrated camera from three points (Fischler & Bolles 1981; paper, section "P3P").
 
-    Pass it to `rootmatch.match`; its methods are for those who write problems or samplers of their own.
+    Pass it to `rootmatch.match`; its methods are only needed to write problems or samplers.
 
     The unknown shared by the two triples abc and abd of a hyper-edge is x = b/a, the ratio of the distances of points
     b and a from the camera centre.
@@ -37,7 +37,7 @@ class P3P(Problem):
     Parameters
     ----------
     camera : Camera
-        Or a `rootmatch.Rig`.
+        A `rootmatch.Rig` works too.
 
     Raises
     ------
@@ -51,9 +51,9 @@ class P3P(Problem):
 
     Degenerate: all points of the model on one line (refused by `prepare`); a triple on one line, or a camera on the
     cylinder through a triple (a double root: the residual's variance grows, so its weight decreases); D(x) = 0, where
-    two solutions share x. Those in view may lie on one line although the model does not: a match is then right only up
-    to a reversed reading, and the pose is not determined about that line. A mirrored ("inside-out") twin is a solution
-    of the same polynomials: see `Match.alternatives`.
+    two solutions share x. The visible points may lie on one line although those of the model do not: a match is then
+    right only up to reversing the line, and the rotation about it is not determined. The reversed ("inside-out") pose
+    is a solution of the same polynomials: see `Match.alternatives`.
     """
 
     camera: CameraModel

@@ -20,7 +20,7 @@ from rootmatch.problems.two_images import TwoImageProblem
 class PlanarMotion(TwoImageProblem):
     """Relative pose of two images from two points, the camera moving in a plane (Ortín & Montiel 2001).
 
-    Pass it to `rootmatch.match`; its methods are for those who write problems or samplers of their own.
+    Pass it to `rootmatch.match`; its methods are only needed to write problems or samplers.
 
     The unknown is x = tan(θ/2) of the rotation θ about the plane's normal that takes the first view to the second; it
     belongs to the cameras, so all pairs share it. The direction of the motion within the plane is eliminated. Pixels of
@@ -45,13 +45,13 @@ class PlanarMotion(TwoImageProblem):
     -----
     A hyper-edge of three correspondences has one constraint. Points must lie in front of both cameras.
 
-    The floor is taken to be exact. Where it tilts the camera by some tenths of a degree, which is many pixels, use
+    The floor is taken to be exactly flat. If it tilts the camera by some tenths of a degree, which is many pixels, use
     `ThreePlusOne` with its `axis_noise`.
 
-    Degenerate: no motion, or a rotation alone (every pair's quadratic vanishes at the truth twice; residuals fade by
-    themselves); points of the plane through the camera centres (the horizon of a level camera): they stay there
-    whatever the motion, so their correspondences with each other say nothing; two correspondences on one vertical line
-    of each image say little; θ = π puts x at infinity.
+    Degenerate: no motion, or a rotation alone (every pair's quadratic has a double root at the truth, and residuals
+    lose their power); points of the plane through the camera centres (the horizon of a level camera): they stay there
+    whatever the motion, so correspondences among them carry no information; two correspondences on one vertical line of
+    each image carry little; θ = π puts x at infinity.
     """
 
     planar: ClassVar[bool] = True

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class Similarity(Problem):
     """Points of a plane or of space, matched up to rotation, translation and an unknown scale.
 
-    Pass it to `rootmatch.match`; its methods are for those who write problems or samplers of their own.
+    Pass it to `rootmatch.match`; its methods are only needed to write problems or samplers.
 
     The unknown is the scale x; a pair of points gives e = x d of its distances d and e, so all pairs share it. A
     hyper-edge of three has two constraints, the shape of a triangle.
@@ -32,7 +32,7 @@ class Similarity(Problem):
     Parameters
     ----------
     dimension : int, optional
-        2 or 3, of both sets; by default that of the source points which are matched.
+        2 or 3, for both sets; by default that of the source points.
     mirror : bool
         Whether a mirrored set matches too: the motion may then be a reflection. In space the guided search, of
         large sets, finds rotations only.
@@ -51,8 +51,8 @@ class Similarity(Problem):
     The pose is the most likely motion of the source onto the target. In space three points have no handedness, so the
     hyper-edges of a mirrored set agree; without ``mirror`` no pose fits it, and the match is not trusted.
 
-    Above two million hyper-edges, the guided search takes triples of either set, finds similar triangles in the other
-    and judges the motion of each by all points: 100 points against 100 take half a second, a tenth with known scale.
+    The search takes triples of either set, finds similar triangles in the other and judges the motion of each by all
+    points: 100 points against 100 take up to a second, or a fifth of that if the scale is known.
 
     Exact fiducials of a plan (CT) against a tracker's points with 0.2 mm of noise, some missing and some stray::
 
@@ -149,7 +149,7 @@ class Similarity(Problem):
 class Rigid(Similarity):
     """Points of a plane or of space, matched up to rotation and translation: `Similarity` with the scale known to be 1.
 
-    Pass it to `rootmatch.match`; its methods are for those who write problems or samplers of their own.
+    Pass it to `rootmatch.match`; its methods are only needed to write problems or samplers.
 
     A hyper-edge of three has three constraints, the sides of a triangle. Both sets are in the same unit. Parameters and
     errors are those of `Similarity`.

@@ -22,7 +22,7 @@ Unknown = Literal["tan", "cos"]
 class ThreePlusOne(TwoImageProblem):
     """Relative pose of two images from three points and one common direction (Naroditsky et al. 2012; paper, "3P1").
 
-    Pass it to `rootmatch.match`; its methods are for those who write problems or samplers of their own.
+    Pass it to `rootmatch.match`; its methods are only needed to write problems or samplers.
 
     The unknown is x = tan(θ/2) or cos θ of the rotation θ about the common direction that takes the first view to the
     second; it belongs to the cameras, so all triples share it. Pixels of the first image are the source, of the second
@@ -42,7 +42,7 @@ class ThreePlusOne(TwoImageProblem):
         Standard deviation in radians of either direction on each of two axes; it enters the residuals' variance.
     small_baseline : float
         ρ of a prior exp(−|R₈,₈| / ρ) on each hyper-edge, 0 for none. The raw resultant vanishes for two views from one
-        place, so where the baseline is known to be below a tenth of the distance 3e-8 helps; elsewhere it harms.
+        place. If the baseline is known to be below a tenth of the distance, 3e-8 helps; otherwise it does harm.
     unknown : "tan" or "cos"
         Which unknown the polynomials have: x = tan(θ/2), whose roots are rotations, or x = cos θ, as the paper writes,
         whose roots θ and −θ share. It matters to `coefficients` and to ``"qr"``, ``"qr-both"`` and ``"svd"`` only.
@@ -54,9 +54,10 @@ class ThreePlusOne(TwoImageProblem):
 
     Notes
     -----
-    Degenerate: a pure rotation, of which every triple has a triple root (near it roots crowd, so they are found by
+    Degenerate: a pure rotation, for which every triple has a triple root (near it roots crowd, so they are found in
     closed form, and a nearly real pair counts by its real part); three correspondences whose determinant vanishes at
-    every angle (a large residual: nothing is said); θ = π puts x at infinity, which harms only ``"qr"``.
+    every angle (they carry no information and get a large residual); θ = π puts x at infinity, which harms only
+    ``"qr"``.
     """
 
     axis_noise: float = 0.0

@@ -32,14 +32,14 @@ if TYPE_CHECKING:
 class UP2P(Problem):
     """Pose of a calibrated upright camera from two points (Kukelova et al. 2011; paper, section "up2p").
 
-    Pass it to `rootmatch.match`; its methods are for those who write problems or samplers of their own.
+    Pass it to `rootmatch.match`; its methods are only needed to write problems or samplers.
 
     The unknown is x = tan(θ/2) of the rotation θ about the vertical; it belongs to the camera, so all pairs share it.
 
     Parameters
     ----------
     camera : Camera
-        Or a `Rig`, whose frame then takes the place of the camera's.
+        A `Rig` works too; its frame then takes the place of the camera's.
     vertical_camera, vertical_world : three floats
         The same direction (for example down) in the camera frame and in the frame of the points, measured by an
         inertial sensor or known by construction. Any length but 0; there is no default.
@@ -57,9 +57,9 @@ class UP2P(Problem):
     The source is points (n, 3) in any frame and unit, the target pixels (n', 2). The pose takes the points into the
     camera frame (x right, y down, z forward), in their unit.
 
-    Degenerate: both points on one vertical line (all coefficients vanish: such a pair says nothing and gets a large
-    residual); both at the same height and imaged at the same height (θ and θ + π fit alike); θ = π puts x at infinity,
-    which harms only ``"qr"``.
+    Degenerate: both points on one vertical line (all coefficients vanish: such a pair carries no information and gets a
+    large residual); both at the same height and imaged at the same height (θ and θ + π fit equally well); θ = π puts x
+    at infinity, which harms only ``"qr"``.
     """
 
     camera: CameraModel

@@ -30,7 +30,7 @@ from rootmatch.problems.up2pf.focal_lengths import focal_grid, search_noise, usu
 class UP2PF(Problem):
     """Pose and focal length of an upright camera with square pixels and a known principal point.
 
-    Pass it to `rootmatch.match`; its methods are for those who write problems or samplers of their own.
+    Pass it to `rootmatch.match`; its methods are only needed to write problems or samplers.
 
     If the vertical is known, the correspondence of a point X and a pixel gives two equations in the rotation angle θ
     about the vertical, the translation and the focal length f (compare Kukelova et al. 2010, who add radial
@@ -56,9 +56,9 @@ class UP2PF(Problem):
     The source is points (n, 3) in any frame and unit, the target pixels (n', 2) of an image without distortion. The
     pose takes the points into the camera frame (x right, y down, z forward); `Pose.focal` is in pixels.
 
-    Degenerate: no perspective, that is points at nearly one depth: focal length and distance trade places and only
-    their ratio is determined, so residuals fade by themselves; two points of a minimal set on one vertical line; θ = π
-    puts x at infinity. Both signs of f solve the equations; f > 0 is demanded.
+    Degenerate: no perspective, that is, points at nearly one depth: focal length and distance can be traded for each
+    other and only their ratio is determined, so residuals lose their power; two points of a minimal set on one vertical
+    line; θ = π puts x at infinity. Both signs of f solve the equations; only f > 0 is accepted.
     """
 
     centre: tuple[float, float]
