@@ -54,10 +54,25 @@ def test_a_search_that_ended_too_soon_is_named_as_the_cause() -> None:
     assert text.endswith("or evaluate more hyper-edges with a larger `budget` of `Guided`")
     few = replace(found, task=found.task.subset(np.arange(24), np.arange(16)))
     assert few.longer_search == 'evaluate more hyper-edges with `sampler="exhaustive"`'
+    swept = replace(few, task=replace(few.task, options=replace(few.task.options, sampler="exhaustive")))
+    assert swept.longer_search == "give more points or detections"
     late = advice(found, found.confidence, stopped_early=True)
     assert late.startswith("ambiguous: max_seconds ended the search before it could exclude")
     assert "give more time" in late
     assert late.count("max_seconds") == 1
+
+
+def test_doubts_that_add_up_are_not_called_another_assignment() -> None:
+    rng, axis = np.random.default_rng(1211), (0.0, 1.0, 0.0)
+    points = rng.uniform((-3.0, -2.0, 6.0), (3.0, 2.0, 12.0), (20, 3))
+    turn = Rotation.from_rotvec([0.0, rng.normal(0.0, 0.3), 0.0]).as_matrix()
+    images = [CAMERA.project(points), CAMERA.project(points @ turn.T + (1.0, 0.1, 0.2))]
+    images = [pixels + rng.normal(0.0, 0.5, pixels.shape) for pixels in images]
+    images[1][:10] = rng.uniform((0.0, 0.0), (1280.0, 960.0), (10, 2))
+    match = rm.match(*images, rm.ThreePlusOne(CAMERA, axis=axis, axis2=axis), noise=0.5)
+    text = advice(replace(match.finding, others=[]).with_facts(probability=0.9, contested=True))
+    assert text.startswith("ambiguous: no other assignment comes near, but each match adds its doubt")
+    assert "(0.9) than asked for (`min_probability` 0.95)" in text
 
 
 def test_a_search_of_a_frame_that_was_cut_names_its_budget() -> None:

@@ -122,10 +122,23 @@ class Finding:
         return self.task.budget is not None and self.evaluated >= self.task.budget
 
     @property
+    def is_pose_certain(self) -> bool:
+        """Whether one pose is as probable as a match has to be, whatever its matches."""
+        least, told = self.facts.min_probability, self.posterior
+        if self.labellings is not None:
+            return self.labellings.motion >= least
+        return told is not None and bool((told.probabilities[:1] >= least).any())
+
+    @property
     def longer_search(self) -> str:
-        """What lets the search evaluate more, by the names of the options."""
+        """What lets the search evaluate more, by the names of the options; more points where all was evaluated."""
+        chosen = self.task.options.chosen_sampler
         if self.is_cut:
             return "raise `search_budget` in `TrackingOptions`"
+        if chosen == "exhaustive":
+            return "give more points or detections"
+        if chosen == "random":
+            return "evaluate more hyper-edges with larger `samples`"
         if self.task.sampling_task.sweep_cost <= LIMITS.exhaustive:
             return 'evaluate more hyper-edges with `sampler="exhaustive"`'
         return "evaluate more hyper-edges with a larger `budget` of `Guided`"

@@ -30,9 +30,7 @@ ADVICE = {
         "ambiguous: another assignment explains the points nearly as well; see `alternatives`, {to_tell}, "
         "or add points that break the symmetry"
     ),
-    Status.UNTRUSTED: (
-        "no trustworthy match: too few hyper-edges agree; check {to_check}, {to_change}, or evaluate more hyper-edges"
-    ),
+    Status.UNTRUSTED: "no trustworthy match: too few hyper-edges agree; check {to_check}, {to_change}",
 }
 """Sentences with gaps for what the problem suggests to check and to add."""
 
@@ -183,7 +181,8 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
             f"check the noise, {problem.to_check}, or {to_give}{seen}"
         )
     in_noise = task.affinity.residual.kind in NOISE_KINDS  # σ has no part in the others
-    return general_advice(Status.UNTRUSTED, problem, to_change="raise the noise" if in_noise else "try another `rho`")
+    to_change = "raise the noise" if in_noise else "try another `rho`"
+    return f"{general_advice(Status.UNTRUSTED, problem, to_change=to_change)}, or {finding.longer_search}"
 
 
 def _contradiction_texts(finding: Finding) -> tuple[str, str]:
@@ -249,7 +248,7 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
     of, where = ("points", "`confidence`") if unsure else ("sightings", "`sightings`")  # of points that others show
     every = np.ones(1) if finding.all_confidence is None else finding.all_confidence
     unsure = unsure or int((every < MIN_PROBABILITY).sum())
-    if unsure and _is_pose_certain(finding):
+    if unsure and finding.is_pose_certain:
         return (
             f"ambiguous: the pose is certain, but for {unsure} of the {of} it is not certain which detection "
             f"they have, if any; see {where}, or {to_tell}"
@@ -270,6 +269,13 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
         return (
             "ambiguous: the matches are certain, but several poses fit them, as where the points are nearly flat; "
             f"see `other_poses`, {'' if prior else 'or '}{to_tell}{prior}"
+        )
+    if not len(finding.others) and finding.probability is not None:
+        chance, least = _format_distinct(finding.probability, finding.facts.min_probability)
+        return (
+            "ambiguous: no other assignment comes near, but each match adds its doubt: that all of them are right is "
+            f"less probable ({chance}) than asked for (`min_probability` {least}); keep those of high `confidence`, "
+            f"or {to_tell}"
         )
     return general_advice(Status.AMBIGUOUS, task.problem, to_tell)
 
@@ -321,7 +327,7 @@ def _is_unexcluded(finding: Finding) -> bool:
     if facts.missed <= TRUST.missed:
         return False
     if finding.posterior is not None:
-        return _is_pose_certain(finding)
+        return finding.is_pose_certain
     if facts.probability is not None:
         return facts.probability >= facts.min_probability
     return facts.lead is None or facts.lead >= TRUST.margin
@@ -338,12 +344,4 @@ def _is_assignment_certain(finding: Finding) -> bool:
     """Whether the assignment is as probable as a match has to be, whatever its pose."""
     told, probability = finding.posterior, finding.probability
     sure = probability is not None and probability >= finding.facts.min_probability
-    return sure and told is not None and not _is_pose_certain(finding)
-
-
-def _is_pose_certain(finding: Finding) -> bool:
-    """Whether one pose is as probable as a match has to be, whatever its matches."""
-    least, told = finding.facts.min_probability, finding.posterior
-    if finding.labellings is not None:
-        return finding.labellings.motion >= least
-    return told is not None and bool((told.probabilities[:1] >= least).any())
+    return sure and told is not None and not finding.is_pose_certain
