@@ -74,6 +74,15 @@ def test_one_of_a_rig_is_left_out() -> None:
     np.testing.assert_array_equal(found.sightings.assignment, [np.arange(9), AFTER + 9])
 
 
+def test_what_is_left_out_is_no_error_of_the_advice() -> None:
+    rng, camera = np.random.default_rng(7), fisheye(330.5)
+    with pytest.warns(rm.InputWarning, match="left out"):
+        found = rm.match(POINTS, [*rng.uniform(300.0, 700.0, (5, 2)), HOT], rm.P3P(camera), noise=0.2, max_seconds=5.0)
+    assert found.status is not rm.Status.MATCHED
+    assert found.advice
+    assert "evaluate more hyper-edges" in found.finding.longer_search
+
+
 def test_a_lens_that_shows_less_than_half_is_wrong() -> None:
     camera = fisheye(330.4)
     seen = np.concatenate([image(camera)[:4], np.array(HOT) - np.arange(4)[:, None]])

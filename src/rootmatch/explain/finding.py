@@ -19,6 +19,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with, once
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin, one_hot
+from rootmatch.hypergraph.enumeration import sweep_cost
 from rootmatch.hypergraph.support import score_assignments
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
@@ -139,7 +140,7 @@ class Finding:
             return "give more points or detections"
         if chosen == "random":
             return "evaluate more hyper-edges with larger `samples`"
-        if self.task.sampling_task.sweep_cost <= LIMITS.exhaustive:
+        if sweep_cost(*self.task.shape, self.task.problem.order, self.task.allowed) <= LIMITS.exhaustive:
             return 'evaluate more hyper-edges with `sampler="exhaustive"`'
         return "evaluate more hyper-edges with a larger `budget` of `Guided`"
 

@@ -161,7 +161,8 @@ def _camera_steps(problem: Problem, source: ArrayLike | None, options: dict[str,
     for body in bodies:
         yield partial(_fly, problem, body)
         yield partial(_search_frames, problem, body)
-    yield partial(_match_dense_image, problem, Body(rng.normal(size=(DENSE, 3)), others))
+    if not isinstance(problem.camera, Rig):  # type: ignore[attr-defined]
+        yield partial(_match_dense_image, problem, Body(rng.normal(size=(DENSE, 3)), others))
 
 
 def _search_frames(problem: Problem, body: Body) -> None:
@@ -235,7 +236,10 @@ class _View:
         return R, rotation.T @ (ahead - translation) - R @ self.centre
 
     def frame(self, number: int, shown: int, clutter: int, *, wide: bool = False) -> Any:
-        """Detections of a frame: a number of points in each camera, and clutter about them, or wherever it sees."""
+        """Detections of a frame: points in each camera, and clutter about them, or wherever it sees.
+
+        ``clutter`` is of all cameras together: a rig of many would be searched for minutes otherwise.
+        """
         rng, (R, t) = np.random.default_rng(number), self.pose(number)
         rows, index = [], []
         for k, (camera, turn, move) in enumerate(self.cameras):
@@ -251,11 +255,11 @@ class _View:
             known = pixels[np.isfinite(pixels).all(axis=1) & camera.sees(places)]
             noisy = pixels[seen] + self.sigma * rng.normal(size=(len(seen), pixels.shape[1]))
             low, high = (known.min(axis=0), known.max(axis=0)) if len(known) else np.zeros((2, pixels.shape[1]))
-            many = (clutter if len(known) else 0, pixels.shape[1])
+            many = -(-clutter // len(self.cameras)) if len(known) else 0
             if wide:
-                more = self._scatter_directions(camera, rng.normal(size=(2 * clutter, 3)))
+                more = self._scatter_directions(camera, rng.normal(size=(2 * many, 3)))
             else:
-                more = rng.uniform(low - 9 * self.sigma, high + 9 * self.sigma, many)
+                more = rng.uniform(low - 9 * self.sigma, high + 9 * self.sigma, (many, pixels.shape[1]))
             rows.append(np.concatenate([noisy, more]))
             index.append(np.full(len(rows[-1]), k))
         target = np.concatenate(rows)
