@@ -85,7 +85,8 @@ Scenes = Callable[[int], list[Told]]
 def of_sets(match: rm.Match, own: list[set[int]], least: int) -> Told:
     """A body whose points, or sightings, have any of their own detections."""
     assignment = (match.assignment if match.sightings is None else match.sightings.assignment).ravel()
-    true = [int(j) in may if j >= 0 else not may for j, may in zip(assignment, own, strict=True)]
+    held = {int(j) for j, may in zip(assignment, own, strict=True) if j in may}  # several may have one that is merged
+    true = [int(j) in may if j >= 0 else may <= held for j, may in zip(assignment, own, strict=True)]
     wrong = any(j >= 0 and not good for j, good in zip(assignment, true, strict=True))
     shown, matched = len(set().union(*own)), int((assignment >= 0).sum())
     confidence = match.confidence.ravel()
