@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
-from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rootmatch.cli.error_messages import rename_to_options
 from rootmatch.errors import InputError
@@ -15,9 +14,9 @@ from rootmatch.problems import PROBLEMS, problem_class
 if TYPE_CHECKING:
     from rootmatch.problems.base import Problem
 
-    ProblemName = StrEnum
+    ProblemName = str
 else:
-    ProblemName = StrEnum("ProblemName", {name: name for name in PROBLEMS})
+    ProblemName = Literal[tuple(PROBLEMS)]
 
 Option = str | float | int | None
 OF_PROBLEM = (
