@@ -39,7 +39,8 @@ def build_problem(name: str, given: Mapping[str, Any]) -> Problem:
     known = {field.name: field for field in fields(problem) if field.init}
     for option, value in options.items():
         if value is not None and option not in known:
-            owners = " or ".join(_owners(option))
+            having = (other for other in PROBLEMS if option in {field.name for field in fields(problem_class(other))})
+            owners = " or ".join(having)
             raise InputError(f"{flag(option)}: it applies to --problem {owners}, not to {name}; leave it out")
     calibration: Calibration | None = None
     if options.get("camera") is not None:
@@ -57,11 +58,6 @@ def build_problem(name: str, given: Mapping[str, Any]) -> Problem:
     with rename_to_options({option: flag(option) for option in known}):
         built: Problem = problem(**settings)
     return built
-
-
-def _owners(option: str) -> list[str]:
-    """The problems that have an option."""
-    return [name for name in PROBLEMS if option in {field.name for field in fields(problem_class(name))}]
 
 
 def angle(option: str, degrees: float, maximum: float) -> float:

@@ -22,8 +22,8 @@ from rootmatch.report.picture_axes import (
     DEFAULT_VIEW,
     TOP,
     WIDTH,
-    Layout,
     axes_frame,
+    place_axes,
     project_to_axes,
     show_image,
     show_space,
@@ -130,13 +130,13 @@ def match_figure(
     wrong = np.zeros(len(match), dtype=bool) if true is None else (match >= 0) & (match != true)
 
     in_space, to_space = source.shape[1] == 3, target.shape[1] == 3
-    picture = None if photo is None else _read_photo(photo)
+    picture = None if photo is None else read_photo(photo)
     frames = [None if in_space else axes_frame(source, None), None if to_space else axes_frame(target, picture)]
-    layout = Layout.of(frames)
-    figure = Figure(figsize=(WIDTH, layout.height), dpi=120)
+    height, places = place_axes(frames)
+    figure = Figure(figsize=(WIDTH, height), dpi=120)
     FigureCanvasAgg(figure)
-    left: Any = figure.add_axes(layout.left, projection="3d" if in_space else None)
-    right: Any = figure.add_axes(layout.right, projection="3d" if to_space else None)
+    left: Any = figure.add_axes(places[0], projection="3d" if in_space else None)
+    right: Any = figure.add_axes(places[1], projection="3d" if to_space else None)
     if frames[0] is None:
         show_space(left, source, view_near_camera(source, target, match, labels), unit)
     else:
@@ -153,9 +153,9 @@ def match_figure(
     titles = ("model", "image") if in_space else ("first image", "second image")
     if to_space:
         titles = ("source", "target")
-    for axes, name, place in zip((left, right), titles, (layout.left, layout.right), strict=True):
+    for axes, name, place in zip((left, right), titles, places, strict=True):
         if hasattr(axes, "get_proj"):  # the box may reach anywhere but into the corner
-            figure.text(place[0] + 0.04, 1.0 - 0.8 * TOP / layout.height, name, fontsize=10)
+            figure.text(place[0] + 0.04, 1.0 - 0.8 * TOP / height, name, fontsize=10)
         else:
             axes.set_title(name, fontsize=10)
     figure.suptitle(title, fontsize=11, y=0.975)
@@ -192,19 +192,14 @@ def _check_shapes(source: Floats, target: Floats, match: Integers, labels: Integ
         raise InputError(f"picture: the assignment names target {match.max()}, but there are {len(target)}")
 
 
-def _read_photo(photo: Path) -> Floats:
-    """The photograph (rows, columns[, 3])."""
+def read_photo(photo: Path) -> Floats:
+    """The photograph (rows, columns[, 3]); an `InputError` if it cannot be read."""
     from matplotlib.image import imread
 
     try:
         return np.asarray(imread(photo))
     except (OSError, ValueError, SyntaxError) as error:
         raise InputError(f"photo {photo}: cannot be read ({error}); give a PNG or JPEG") from None
-
-
-def check_photo(path: Path) -> None:
-    """Refuse, before any work, a photograph that cannot be read."""
-    _read_photo(path)
 
 
 @dataclass(frozen=True)
