@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.errors import InputError
 from rootmatch.io import write_atomically
-from rootmatch.report.drawn_poses import draw_poses
+from rootmatch.report.drawn_poses import COLOURS, draw_poses
 from rootmatch.report.picture_axes import (
     DEFAULT_VIEW,
     TOP,
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from rootmatch.problems.pose_fit.pose import Pose
 
 SUFFIXES = (".png", ".svg", ".pdf")
-# Okabe and Ito's palette, distinguishable in every common kind of colour blindness; its vermilion is kept for errors.
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 WRONG, UNMATCHED = "#D55E00", "#7F7F7F"
 
@@ -172,9 +170,7 @@ def match_figure(
             axes.plot(*points.T, linestyle="none", clip_on=False, **group.marker)
     handles = [group.handle() for group in groups]
     if poses is not None:
-        handles += draw_poses(
-            right, source=source, target=target, match=match, poses=poses, colours=COLOURS, camera=camera
-        )
+        handles += draw_poses(right, source=source, target=target, match=match, poses=poses, camera=camera)
     handles += _draw_unmatched((left, right), (source[match < 0], np.delete(target, match[match >= 0], axis=0)), titles)
     draw_labels(left, flat, point_names(source_names, len(source)), towards=-1.0)
     draw_labels(right, flat_target, point_names(target_names, len(target)), towards=1.0)
