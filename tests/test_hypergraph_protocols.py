@@ -20,15 +20,16 @@ from rootmatch.research.hypergraph import report
 from rootmatch.research.hypergraph import run as protocols
 from rootmatch.research.hypergraph.protocol import (
     DEFORMATION,
+    ORDERS,
     OUTLIERS,
     POINTS,
     SETTINGS,
     Instance,
     instance,
+    nearest_triangles,
     protocol_tensor,
 )
 from rootmatch.research.hypergraph.report import ACCURACY
-from rootmatch.research.hypergraph.triangles import ORDERS, nearest_triangles
 from rootmatch.research.paper.settings import Setting
 from rootmatch.research.paper.work_unit import Task, Unit
 from rootmatch.solvers import get_solver

@@ -21,11 +21,10 @@ from rootmatch.cli.simulate import simulate
 from rootmatch.cli.surroundings import (
     NOTHING_LEFT,
     copy_pipes,
+    describe_stop,
     discard_output,
-    is_terminated,
     note_remainder,
     prepare_streams,
-    remainder_text,
 )
 from rootmatch.cli.track import track
 from rootmatch.cli.warmup import warmup
@@ -105,9 +104,8 @@ class OneLineErrors(TyperGroup):
 
 def report_stop() -> int:
     """Say that a signal ended the work, and return its exit code."""
-    if is_terminated():
-        return _fail(f"terminated; {remainder_text()}", TERMINATED)
-    return _fail(f"interrupted; {remainder_text()}", INTERRUPTED)
+    terminated, left = describe_stop()
+    return _fail(f"terminated; {left}", TERMINATED) if terminated else _fail(f"interrupted; {left}", INTERRUPTED)
 
 
 def _is_interrupt(error: BaseException | None) -> bool:

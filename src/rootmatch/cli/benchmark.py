@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from functools import partial
 from json import dumps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -19,22 +18,14 @@ if TYPE_CHECKING:
     from rootmatch.research.speed import Results
 
 
-class What(StrEnum):
-    """The kinds of benchmark."""
-
-    SPEED = "speed"
-    REAL = "real"
-    BLIND = "blind"
-
-
 def benchmark(
     what: Annotated[
-        What,
+        Literal["speed", "real", "blind"],
         typer.Argument(
             help="This machine's speed and memory, methods on real targets with ground truth, or on blind PnP "
             "(simultaneous pose and correspondence)."
         ),
-    ] = What.SPEED,
+    ] = "speed",
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
     tiny: Annotated[
         bool, typer.Option("--tiny", help="Smallest sizes: checks that everything runs, not how fast.")
@@ -68,7 +59,7 @@ def benchmark(
     """
     from rootmatch.cli.progress import progress_bar
 
-    if what is What.BLIND:
+    if what == "blind":
         from rootmatch.research.blind.run import run_blind
 
         if output is None:
@@ -89,7 +80,7 @@ def benchmark(
             )
         typer.echo(dumps(found) if json else "\n".join(" | ".join(line) for line in found))
         return
-    if what is What.REAL:
+    if what == "real":
         from rootmatch.research.real.leaderboard import leaderboard_page
         from rootmatch.research.real.methods import METHODS
         from rootmatch.research.real.run import run_real

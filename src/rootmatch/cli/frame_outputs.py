@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 import json
-import sys
 from collections import Counter
 from collections.abc import Mapping
 from contextlib import ExitStack, closing
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from rootmatch.io.appended_table import AppendedTable
+from rootmatch.io.csv_tables import csv_text
 from rootmatch.io.exports import trajectory_row
 from rootmatch.io.pose_files import IN_SPACE, covariance_columns, finite_or_none, pose_record, upper_triangle
 from rootmatch.report.text import match_weights
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from rootmatch.cli.frames import FrameOutputs
     from rootmatch.io.point_files import PointSet
     from rootmatch.problems.base import Problem
@@ -125,34 +122,25 @@ def _cells(pose: Pose | None, rows: int) -> list[Any]:
     return [*pose.t.tolist(), *pose.quaternion.tolist(), *[pose.scale][:with_scale], *covariance]
 
 
-class FrameWriter:
+class FrameWriter(ExitStack):
     """Files and standard output, each with the rows of a frame as soon as the frame is matched.
 
     Poses without a file go to standard output, below a header that waits for the first frame.
     """
 
     def __init__(self, outputs: FrameOutputs, source: PointSet, problem: Problem) -> None:
+        super().__init__()
         self.outputs, self.source = outputs, source
         self.header: tuple[str, ...] = TRAJECTORY if outputs.trajectory else (*pose_columns(problem), "time")
-        delimiter = " " if outputs.trajectory else ","
-        self._files = ExitStack()
+        self.delimiter = " " if outputs.trajectory else ","
         self._matches = self._poses = None
         if outputs.output is not None:
-            self._matches = self._files.enter_context(closing(AppendedTable(outputs.output, MATCH_COLUMNS)))
+            self._matches = self.enter_context(closing(AppendedTable(outputs.output, MATCH_COLUMNS)))
         if outputs.poses is not None:
-            self._poses = self._files.enter_context(
-                closing(AppendedTable(outputs.poses, self.header, delimiter=delimiter))
+            self._poses = self.enter_context(
+                closing(AppendedTable(outputs.poses, self.header, delimiter=self.delimiter))
             )
-        self._printed = csv.writer(sys.stdout, delimiter=delimiter, lineterminator="\n")
         self._headed = False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._files.close()
 
     def write(self, number: int, time: float, found: Match, tracker: Tracker) -> list[str]:
         """Write a frame; the status of each of its bodies."""
@@ -163,11 +151,8 @@ class FrameWriter:
         if self._poses is not None:
             self._poses.write(rows)
         elif not self.outputs.as_json:
-            if not self._headed:
-                self._printed.writerow(self.header)
-                self._headed = True
-            self._printed.writerows(rows)
-            sys.stdout.flush()
+            print(csv_text(rows if self._headed else [self.header, *rows], self.delimiter), end="", flush=True)
+            self._headed = True
         if self._matches is not None:
             self._matches.write(match_rows(number, found, self.source))
         return [row[2] for row in each]

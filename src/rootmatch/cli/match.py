@@ -101,8 +101,8 @@ def match(
     if of_many:
         frame_outputs.check(inputs)
     else:
-        outputs.check(str(problem), inputs, as_json)
-    posed = build_problem(str(problem), given)
+        outputs.check(problem, inputs, as_json)
+    posed = build_problem(problem, given)
     of_rig = posed.rig is not None
     if of_rig:
         for name, path in (("plot", plot), ("report", report)):

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -35,28 +34,21 @@ points, method, output = map(option_factory, (INPUT, METHOD, OUTPUT))
 
 OF_MATCHER = (
     "detection_rate", "resolution", "min_probability", "sampler", "samples", "residual", "rho", "solver",
-    "max_evaluations", "max_hyperedges", "max_seconds", "backend",
+    "max_evaluations", "max_hyperedges", "max_seconds", "backend", "preset",
 )  # fmt: skip
 """Options that go to `rootmatch.Matcher` as they are."""
 
 
 def given_options(source: PointSet, noise: StatedNoise, given: Mapping[str, Any]) -> dict[str, Any]:
     """The options of `rootmatch.Matcher` that are given: ``view_angle`` in radians, and those of the model's file."""
-    view_angle, preset = given["view_angle"], given.get("preset")
+    view_angle = given["view_angle"]
     options = {
         "view_angle": None if view_angle is None else angle("view_angle", view_angle, 180.0),
         "bodies": source.bodies,
         "source_noise": noise.source_argument,
-        "preset": preset and preset.value,
         **{name: given.get(name) for name in OF_MATCHER},
     }
     return {name: value for name, value in options.items() if value is not None}
-
-
-class PresetName(StrEnum):
-    """Named sets of options."""
-
-    PAPER = "paper"
 
 
 Model = Annotated[
@@ -183,7 +175,7 @@ Candidates = Annotated[
     Path | None, points("Possible source,target pairs, optionally with a prior weight.", metavar="CSV")
 ]
 Motions = Annotated[str, method("Number of rigid motions to find.", metavar="K|auto")]
-Preset = Annotated[PresetName | None, method("The method as published; other options override it.")]
+Preset = Annotated[Literal["paper"] | None, method("The method as published; other options override it.")]
 Sampler = Annotated[
     str | None,
     method("Which hyper-edges to evaluate: auto, exhaustive, random, or guided.", metavar="WHICH", default="auto"),

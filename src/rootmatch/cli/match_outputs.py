@@ -78,9 +78,9 @@ class Outputs:
 
             check_picture(self.plot)
         if self.photo is not None:
-            from rootmatch.report.pictures import check_photo
+            from rootmatch.report.pictures import read_photo
 
-            check_photo(self.photo)
+            read_photo(self.photo)
 
     def write(self, found: Match, source: PointSet, target: PointSet, true: Any) -> None:
         """Write the files: all of them or none."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
-from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rootmatch.cli.error_messages import rename_to_options
 from rootmatch.errors import InputError
@@ -15,9 +14,9 @@ from rootmatch.problems import PROBLEMS, problem_class
 if TYPE_CHECKING:
     from rootmatch.problems.base import Problem
 
-    ProblemName = StrEnum
+    ProblemName = str
 else:
-    ProblemName = StrEnum("ProblemName", {name: name for name in PROBLEMS})
+    ProblemName = Literal[tuple(PROBLEMS)]
 
 Option = str | float | int | None
 OF_PROBLEM = (
@@ -40,7 +39,8 @@ def build_problem(name: str, given: Mapping[str, Any]) -> Problem:
     known = {field.name: field for field in fields(problem) if field.init}
     for option, value in options.items():
         if value is not None and option not in known:
-            owners = " or ".join(_owners(option))
+            having = (other for other in PROBLEMS if option in {field.name for field in fields(problem_class(other))})
+            owners = " or ".join(having)
             raise InputError(f"{flag(option)}: it applies to --problem {owners}, not to {name}; leave it out")
     calibration: Calibration | None = None
     if options.get("camera") is not None:
@@ -58,11 +58,6 @@ def build_problem(name: str, given: Mapping[str, Any]) -> Problem:
     with rename_to_options({option: flag(option) for option in known}):
         built: Problem = problem(**settings)
     return built
-
-
-def _owners(option: str) -> list[str]:
-    """The problems that have an option."""
-    return [name for name in PROBLEMS if option in {field.name for field in fields(problem_class(name))}]
 
 
 def angle(option: str, degrees: float, maximum: float) -> float:

@@ -2,29 +2,18 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from rootmatch.cli.surroundings import note_remainder
 
 
-class Which(StrEnum):
-    """Experiments that can be reproduced."""
-
-    P3P = "p3p"
-    THREE_PLUS_ONE = "3p1"
-    UP2P = "up2p"
-    ALL = "all"
-    HYPERGRAPH = "hypergraph"
-
-
 def reproduce(
     which: Annotated[
-        Which,
+        Literal["p3p", "3p1", "up2p", "all", "hypergraph"],
         typer.Argument(help="One problem of the paper, all of them, or the public protocols of hypergraph matching."),
     ],
     output: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the results; an interrupted run resumes.")],
@@ -60,10 +49,10 @@ def reproduce(
     note_remainder("finished work is kept, and the same command continues")
     progress = partial(progress_bar, wanted=not quiet)
     how: dict[str, Any] = {"seed": seed, "jobs": jobs, "scheduler": scheduler, "progress": progress}
-    if which is Which.HYPERGRAPH:
+    if which == "hypergraph":
         files = run_protocols(output, instances=(10 if quick else 100) if instances is None else instances, **how)
     else:
         effort = Effort((4 if quick else 100) if instances is None else instances, quick)
-        files = run(PROBLEMS if which is Which.ALL else (which.value,), output, effort=effort, **how)
+        files = run(PROBLEMS if which == "all" else (which,), output, effort=effort, **how)
     for path in files:
         typer.echo(path)

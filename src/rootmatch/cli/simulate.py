@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -16,21 +15,16 @@ if TYPE_CHECKING:
     from rootmatch.simulation import Scene
 
 
-class SceneName(StrEnum):
-    """The paper's scenes, named after their problem."""
-
-    P3P = "p3p"
-    UP2P = "up2p"
-    THREE_PLUS_ONE = "3p1"
-
-
 FILES = ("model.csv", "image.csv", "truth.csv", "camera.json")
 NOISE_OF_EXACT_SCENES = 0.1
 """Noise in pixels of the printed command for a noise-free scene: with 0, residuals would measure rounding errors."""
 
 
 def simulate(
-    problem: Annotated[SceneName, typer.Argument(help="The problem whose scene is simulated.", case_sensitive=False)],
+    problem: Annotated[
+        Literal["p3p", "up2p", "3p1"],
+        typer.Argument(help="The problem whose scene is simulated.", case_sensitive=False),
+    ],
     output: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write.")],
     points: Annotated[int, typer.Option(metavar="N", help="Source points with an image.")] = 10,
     outliers: Annotated[int, typer.Option(metavar="N", help="Image points without a source point.")] = 0,
@@ -69,7 +63,7 @@ def simulate(
             for name in FILES:
                 check_output(output / name, "--output", [file])
     own = {"motions": motions, "baseline": baseline}
-    allowed = "baseline" if problem is SceneName.THREE_PLUS_ONE else "motions"
+    allowed = "baseline" if problem == "3p1" else "motions"
     for name, value in own.items():
         if value is not None:
             if name != allowed:
@@ -78,11 +72,11 @@ def simulate(
     with rename_to_options({"n": "--points", **{name: f"--{name}" for name in (*options, *own)}}):
         from rootmatch.simulation import SCENES
 
-        scene = SCENES[problem.value](points, **options)
+        scene = SCENES[problem](points, **options)
     _write(scene, output, force)
     typer.echo(f"{output}: {len(scene.source)} source points, {len(scene.target)} target points")
     folder = str(output)
-    match = ["rootmatch", "match", f"{folder}/model.csv", f"{folder}/image.csv", "--problem", problem.value]
+    match = ["rootmatch", "match", f"{folder}/model.csv", f"{folder}/image.csv", "--problem", problem]
     match += ["--camera", f"{folder}/camera.json", "--noise", f"{noise or NOISE_OF_EXACT_SCENES:g}"]
     match += ["--truth", f"{folder}/truth.csv"]
     match += ["--motions", str(motions)] if motions and motions > 1 else []

@@ -45,11 +45,6 @@ def note_remainder(text: str) -> None:
     _left[0] = text
 
 
-def remainder_text() -> str:
-    """What a signal leaves."""
-    return _left[0]
-
-
 def copy_pipes(*names: str) -> Callable[[Command], Command]:
     """Let a command read its arguments of these names, paths, more than once, though they may be pipes."""
 
@@ -77,9 +72,9 @@ def render_text(draw: Callable[[Console], None]) -> str:
     return captured.get()
 
 
-def is_terminated() -> bool:
-    """Whether SIGTERM has come."""
-    return bool(_received)
+def describe_stop() -> tuple[bool, str]:
+    """Whether SIGTERM has come, and what a signal leaves."""
+    return bool(_received), _left[0]
 
 
 def discard_output() -> None:

@@ -7,9 +7,8 @@ import math
 import sys
 import warnings
 from collections.abc import Mapping
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -66,21 +65,11 @@ def tracking_options(given: Mapping[str, Any]) -> TrackingOptions:
     return TrackingOptions(motion=MotionOptions(**moves), **budget)
 
 
-if TYPE_CHECKING:
-    ProblemName = StrEnum
-else:
-    ProblemName = StrEnum("ProblemName", {name: name for name in ("p3p", "up2p", "rigid", "similarity")})
-
-
-class PoseFormatName(StrEnum):
-    """Formats of the poses of frames."""
-
-    CSV = "csv"
-    TUM = "tum"
-
-
 Model = Annotated[Path, typer.Argument(metavar="MODEL.csv", help="Points x,y,z in space, of one or several bodies.")]
-Problem = Annotated[ProblemName, option.points("What is known: p3p, up2p, rigid or similarity.", metavar="PROBLEM")]
+Problem = Annotated[
+    Literal["p3p", "up2p", "rigid", "similarity"],
+    option.points("What is known: p3p, up2p, rigid or similarity.", metavar="PROBLEM"),
+]
 Camera = Annotated[
     str | None,
     option.points(
@@ -127,7 +116,7 @@ Poses = Annotated[
     ),
 ]
 PoseFormat = Annotated[
-    PoseFormatName | None,
+    Literal["csv", "tum"] | None,
     option.output(
         "Format of the poses; tum: for each matched frame, its time and the camera in the frame of the points.",
         default="by the suffix",
@@ -203,7 +192,7 @@ def track(
             "--noise: auto given; a tracker needs a number, and `rootmatch match` estimates it from one frame"
         )
     tracking = tracking_options(given)
-    posed = build_problem(str(problem), given)
+    posed = build_problem(problem, given)
     from rootmatch.cli.frame_outputs import FrameWriter
     from rootmatch.cli.track_summary import Queue, TrackSummary
     from rootmatch.precompile.ahead_of_time import load_tracker
@@ -261,7 +250,7 @@ def track(
         raise typer.Exit(NOT_TRUSTED)
 
 
-def _outputs(output: Path | None, poses: Path | None, form: PoseFormatName | None, *, as_json: bool) -> FrameOutputs:
+def _outputs(output: Path | None, poses: Path | None, form: str | None, *, as_json: bool) -> FrameOutputs:
     """Where the results go; refuses options that ask for two things in one place."""
     from rootmatch.io import is_standard_output
 
@@ -269,5 +258,5 @@ def _outputs(output: Path | None, poses: Path | None, form: PoseFormatName | Non
         raise InputError("--pose-format: --json prints the poses in a form of its own; give --poses FILE")
     if not as_json and poses is None and output is not None and is_standard_output(output):
         raise InputError("--output: without --poses FILE the poses go to standard output; give one of them a file")
-    is_tum = form is PoseFormatName.TUM or (form is None and poses is not None and poses.suffix == ".tum")
+    is_tum = form == "tum" or (form is None and poses is not None and poses.suffix == ".tum")
     return FrameOutputs(output, poses, as_json=as_json, resume=False, trajectory=is_tum)

@@ -6,16 +6,16 @@ The first column is the frame's number, and numbers ascend. Beside a file that c
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from io import FileIO, StringIO
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
 from rootmatch.errors import InputError, quote_value
+from rootmatch.io.csv_tables import csv_text
 from rootmatch.io.outputs import Writable, is_written_through, open_sink, write_all
 
 try:
@@ -85,9 +85,7 @@ class AppendedTable:
 
     def write(self, rows: Iterable[Sequence[Any]]) -> None:
         """Append the rows of one frame; they are in the file when this returns."""
-        text = StringIO(newline="")
-        csv.writer(text, delimiter=self._delimiter, lineterminator="\n").writerows(rows)
-        content = text.getvalue().encode()
+        content = csv_text(rows, self._delimiter).encode()
         try:
             if not self._begun:
                 self._write_settings()

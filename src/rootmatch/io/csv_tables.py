@@ -96,10 +96,15 @@ def parse_header(cells: Iterable[str]) -> list[str]:
 
 def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Write a CSV table in UTF-8, moved into place when complete."""
-    with write_atomically(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)
+    with write_atomically(path) as temporary:
+        temporary.write_text(csv_text([header, *rows]), encoding="utf-8", newline="")
+
+
+def csv_text(rows: Iterable[Sequence[Any]], delimiter: str = ",") -> str:
+    """The lines of a table."""
+    text = io.StringIO(newline="")
+    csv.writer(text, delimiter=delimiter, lineterminator="\n").writerows(rows)
+    return text.getvalue()
 
 
 def parse_number(path: Path, row: int, column: str, text: str) -> float:

@@ -210,8 +210,15 @@ def _parse_frame_number(path: Path, row: int, text: str) -> int:
     raise InputError(f"{path}, row {row}: frame is {quote_value(text)}; give a whole number, 0 or more")
 
 
-def _open_standard_input() -> Iterator[TextIO]:
-    """Standard input as UTF-8 with or without a byte-order mark, whatever the locale."""
+@contextmanager
+def _open_input(path: Path) -> Iterator[TextIO]:
+    """A file, or standard input, as UTF-8 with or without a byte-order mark, whatever the locale."""
+    if path != STANDARD_INPUT:
+        with name_unreadable(path):
+            stream = path.open(encoding="utf-8-sig", newline="")
+        with stream:
+            yield stream
+        return
     if sys.stdin is None or sys.stdin.closed:
         raise InputError("standard input: it is closed; give a file, or frames in a pipe")
     if not hasattr(sys.stdin, "buffer"):
@@ -222,14 +229,3 @@ def _open_standard_input() -> Iterator[TextIO]:
         yield stream
     finally:
         stream.detach()
-
-
-@contextmanager
-def _open_input(path: Path) -> Iterator[TextIO]:
-    if path == STANDARD_INPUT:
-        yield from _open_standard_input()
-        return
-    with name_unreadable(path):
-        stream = path.open(encoding="utf-8-sig", newline="")
-    with stream:
-        yield stream

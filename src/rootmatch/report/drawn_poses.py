@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from rootmatch.problems.pose_fit.pose import Pose
 
 
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
+"""Of motions: the palette of Okabe and Ito, distinguishable in every common kind of colour blindness; its vermilion is
+kept for errors."""
 LONGEST = 0.06
 """Length of the longest residual as drawn, of the extent of the targets, at most."""
 STEPS = (1.0, 2.0, 5.0)
@@ -33,7 +36,6 @@ def draw_poses(
     target: Floats,
     match: Integers,
     poses: Sequence[Pose | None],
-    colours: Sequence[str],
     camera: CameraModel | None,
 ) -> list[Line2D]:
     """Draw what the poses predict into the axes of the targets; returns the legend's entries.
@@ -43,7 +45,7 @@ def draw_poses(
     """
     from matplotlib.lines import Line2D
 
-    known = [(pose, colours[k % len(colours)]) for k, pose in enumerate(poses) if pose is not None]
+    known = [(pose, COLOURS[k % len(COLOURS)]) for k, pose in enumerate(poses) if pose is not None]
     if not known:
         return []
     factor = _residual_factor(target, [pose for pose, _ in known])

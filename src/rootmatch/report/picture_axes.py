@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,28 +32,23 @@ def axes_frame(pixels: Floats, picture: Floats | None) -> Floats:
     return np.stack([low, high])
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Height of the figure in inches, and the rectangles of both axes as fractions of it."""
+def place_axes(frames: Sequence[Floats | None]) -> tuple[float, list[tuple[float, float, float, float]]]:
+    """Height of the figure in inches, and the rectangles of both axes as fractions of it.
 
-    height: float
-    left: tuple[float, float, float, float]
-    right: tuple[float, float, float, float]
-
-    @classmethod
-    def of(cls, frames: Sequence[Floats | None]) -> Layout:
-        """Axes as high as the images are in their half; a view of space fills all of its half."""
-        wide, space = 0.42 * WIDTH, [frame is None for frame in frames]
-        heights = [
-            0.8 * wide if frame is None else float(wide * (frame[1, 1] - frame[0, 1]) / (frame[1, 0] - frame[0, 0]))
-            for frame in frames
-        ]
-        tall = float(np.clip(max(heights), 3.0, 7.5))
-        height = tall + TOP + BOTTOM
-        bottom, share = BOTTOM / height, tall / height
-        left = (-0.02, bottom - 0.05, 0.52, share + 0.05) if space[0] else (0.055, bottom, 0.42, share)
-        right = (0.48, bottom - 0.05, 0.52, share + 0.05) if space[1] else (0.525, bottom, 0.42, share)
-        return cls(height, left, right)
+    Axes are as high as the images are in their half; a view of space, for which there is no frame, fills all of it.
+    """
+    wide = 0.42 * WIDTH
+    heights = [
+        0.8 * wide if frame is None else float(wide * (frame[1, 1] - frame[0, 1]) / (frame[1, 0] - frame[0, 0]))
+        for frame in frames
+    ]
+    tall = float(np.clip(max(heights), 3.0, 7.5))
+    height = tall + TOP + BOTTOM
+    bottom, share = BOTTOM / height, tall / height
+    return height, [
+        (whole, bottom - 0.05, 0.52, share + 0.05) if frame is None else (part, bottom, 0.42, share)
+        for frame, whole, part in zip(frames, (-0.02, 0.48), (0.055, 0.525), strict=True)
+    ]
 
 
 def show_image(axes: Axes, frame: Floats) -> None:

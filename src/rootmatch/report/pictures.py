@@ -17,13 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.errors import InputError
 from rootmatch.io import write_atomically
-from rootmatch.report.drawn_poses import draw_poses
+from rootmatch.report.drawn_poses import COLOURS, draw_poses
 from rootmatch.report.picture_axes import (
     DEFAULT_VIEW,
     TOP,
     WIDTH,
-    Layout,
     axes_frame,
+    place_axes,
     project_to_axes,
     show_image,
     show_space,
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from rootmatch.problems.pose_fit.pose import Pose
 
 SUFFIXES = (".png", ".svg", ".pdf")
-# Okabe and Ito's palette, distinguishable in every common kind of colour blindness; its vermilion is kept for errors.
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 WRONG, UNMATCHED = "#D55E00", "#7F7F7F"
 
@@ -130,13 +128,13 @@ def match_figure(
     wrong = np.zeros(len(match), dtype=bool) if true is None else (match >= 0) & (match != true)
 
     in_space, to_space = source.shape[1] == 3, target.shape[1] == 3
-    picture = None if photo is None else _read_photo(photo)
+    picture = None if photo is None else read_photo(photo)
     frames = [None if in_space else axes_frame(source, None), None if to_space else axes_frame(target, picture)]
-    layout = Layout.of(frames)
-    figure = Figure(figsize=(WIDTH, layout.height), dpi=120)
+    height, places = place_axes(frames)
+    figure = Figure(figsize=(WIDTH, height), dpi=120)
     FigureCanvasAgg(figure)
-    left: Any = figure.add_axes(layout.left, projection="3d" if in_space else None)
-    right: Any = figure.add_axes(layout.right, projection="3d" if to_space else None)
+    left: Any = figure.add_axes(places[0], projection="3d" if in_space else None)
+    right: Any = figure.add_axes(places[1], projection="3d" if to_space else None)
     if frames[0] is None:
         show_space(left, source, view_near_camera(source, target, match, labels), unit)
     else:
@@ -153,9 +151,9 @@ def match_figure(
     titles = ("model", "image") if in_space else ("first image", "second image")
     if to_space:
         titles = ("source", "target")
-    for axes, name, place in zip((left, right), titles, (layout.left, layout.right), strict=True):
+    for axes, name, place in zip((left, right), titles, places, strict=True):
         if hasattr(axes, "get_proj"):  # the box may reach anywhere but into the corner
-            figure.text(place[0] + 0.04, 1.0 - 0.8 * TOP / layout.height, name, fontsize=10)
+            figure.text(place[0] + 0.04, 1.0 - 0.8 * TOP / height, name, fontsize=10)
         else:
             axes.set_title(name, fontsize=10)
     figure.suptitle(title, fontsize=11, y=0.975)
@@ -172,9 +170,7 @@ def match_figure(
             axes.plot(*points.T, linestyle="none", clip_on=False, **group.marker)
     handles = [group.handle() for group in groups]
     if poses is not None:
-        handles += draw_poses(
-            right, source=source, target=target, match=match, poses=poses, colours=COLOURS, camera=camera
-        )
+        handles += draw_poses(right, source=source, target=target, match=match, poses=poses, camera=camera)
     handles += _draw_unmatched((left, right), (source[match < 0], np.delete(target, match[match >= 0], axis=0)), titles)
     draw_labels(left, flat, point_names(source_names, len(source)), towards=-1.0)
     draw_labels(right, flat_target, point_names(target_names, len(target)), towards=1.0)
@@ -192,19 +188,14 @@ def _check_shapes(source: Floats, target: Floats, match: Integers, labels: Integ
         raise InputError(f"picture: the assignment names target {match.max()}, but there are {len(target)}")
 
 
-def _read_photo(photo: Path) -> Floats:
-    """The photograph (rows, columns[, 3])."""
+def read_photo(photo: Path) -> Floats:
+    """The photograph (rows, columns[, 3]); an `InputError` if it cannot be read."""
     from matplotlib.image import imread
 
     try:
         return np.asarray(imread(photo))
     except (OSError, ValueError, SyntaxError) as error:
         raise InputError(f"photo {photo}: cannot be read ({error}); give a PNG or JPEG") from None
-
-
-def check_photo(path: Path) -> None:
-    """Refuse, before any work, a photograph that cannot be read."""
-    _read_photo(path)
 
 
 @dataclass(frozen=True)

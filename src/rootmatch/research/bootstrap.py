@@ -24,9 +24,6 @@ class Estimate:
     high: float
     count: int
 
-    def __str__(self) -> str:
-        return f"{self.mean:.3f} [{self.low:.3f}, {self.high:.3f}]"
-
 
 def bootstrap_means(values: ArrayLike, seed: int = _SEED) -> Floats:
     """Means (RESAMPLES, …) of resampled instances; values (instances, …), the same resampling for all columns."""

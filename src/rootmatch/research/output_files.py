@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Iterator, Sequence
-from io import BytesIO, StringIO
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rootmatch.errors import InputError
 from rootmatch.io import write_atomically
@@ -35,13 +34,6 @@ def make_folder(path: Path, own: str = "*") -> None:
 def count_text(count: int, noun: str) -> str:
     """A number of things in words: "1 instance", "2 instances"."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
-
-
-def csv_text(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table as CSV text."""
-    out = StringIO()
-    csv.writer(out, lineterminator="\n").writerows([header, *rows])
-    return out.getvalue()
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:

@@ -50,14 +50,7 @@ def parse_xml(path: Path, text: str) -> dict[str, Any]:
     """The entries of an XML file, matrices as mappings with ``data``."""
     if "<!" in text.replace("<!--", ""):
         raise InputError(f"{path}: it declares entities or a document type, which OpenCV does not write; remove them")
-
-    def parse() -> ElementTree.Element:
-        try:
-            return ElementTree.fromstring(text)
-        except ElementTree.ParseError as error:
-            raise ValueError(str(error)) from None
-
-    root = run_parser(path, "XML", parse)
+    root = run_parser(path, "XML", lambda: ElementTree.fromstring(text))
     if root.tag != "opencv_storage":
         raise InputError(f"{path}: its root is <{root.tag[:40]}>, not <opencv_storage>; give a file of OpenCV")
     content: dict[str, Any] = {}

@@ -38,7 +38,7 @@ def run_parser(path: Path, kind: str, parse: Callable[[], T]) -> T:
         raise InputError(f"{path}: nested too deeply for a calibration; give the file that the tool wrote") from None
     except InputError:
         raise
-    except (ValueError, OverflowError, TypeError) as error:
+    except (ValueError, OverflowError, TypeError, SyntaxError) as error:
         line = escape_unprintable(" ".join(str(error).split()))[:160]
         raise InputError(f"{path}: not {kind} ({line}); give the file that the tool wrote") from None
 

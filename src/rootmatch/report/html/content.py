@@ -154,7 +154,6 @@ def _view_record(
         if label == 0 and _is_projection(match):
             _predict_unmatched(match, pose, assignment, predicted)
     weights = match_weights(match)
-    confidence = getattr(match, "confidence", None)
     return {
         "title": title,
         "probability": finite_or_none(probability),
@@ -162,9 +161,7 @@ def _view_record(
         "assignment": assignment.tolist(),
         "motions": motions.tolist(),
         "weights": np.nan_to_num(weights / max(float(weights.max(initial=0.0)), 1e-300)).tolist(),
-        "confidence": None
-        if confidence is None or title != "best"
-        else [finite_or_none(float(value)) for value in confidence],
+        "confidence": [finite_or_none(value) for value in match.confidence.tolist()] if title == "best" else None,
         "residuals": residuals,
         "predicted": predicted,
         "dimensions": 1 if _is_two_images(match) else match.target.shape[1],

@@ -51,8 +51,7 @@ def solve_by_rootmatch(scene: BlindScene, seconds: float) -> Answer:
     from rootmatch.cameras.pinhole import Camera
     from rootmatch.problems.p3p import P3P
 
-    camera = Camera(scene.K[0, 0], scene.K[1, 1], scene.K[0, 2], scene.K[1, 2])
-    found = match(scene.source, scene.target, P3P(camera), noise=scene.noise, max_seconds=seconds)
+    found = match(scene.source, scene.target, P3P(Camera.from_matrix(scene.K)), noise=scene.noise, max_seconds=seconds)
     pose = found.poses[0] if found.poses else None
     return Answer(None if pose is None else (pose.R, pose.t), bool(found))
 

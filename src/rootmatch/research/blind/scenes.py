@@ -132,11 +132,9 @@ def real_scenes(folder: Path, count: int) -> Iterator[BlindScene]:
         taken[scene.protocol] += 1
         source, target = (np.array(scene.request[name], dtype=float) for name in ("source", "target"))
         camera, noise = make_problem(scene.request).camera, float(scene.request["noise"])
-        given = scene.request["camera"]
-        K = np.array([[given["fx"], 0.0, given["cx"]], [0.0, given["fy"], given["cy"]], [0.0, 0.0, 1.0]])
-        rays = camera.bearings(target)
+        K, rays = camera.matrix, camera.bearings(target)
         straight = (rays[:, :2] / rays[:, 2:]) * (K[0, 0], K[1, 1]) + K[:2, 2]
-        problem = P3P(type(camera)(K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
+        problem = P3P(type(camera)(*camera.numbers))
         points = PointSets(source, straight, np.zeros(len(source)), np.full(len(straight), noise))
         (pose,) = problem.poses(points, scene.truth[None])
         if pose is None:

@@ -10,7 +10,6 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.hypergraph.invariants import signed_sines
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.research.hypergraph.triangles import ORDERS, nearest_triangles
 from rootmatch.research.paper.settings import Setting
 
 DEFORMATION, OUTLIERS = "deformation", "outliers"
@@ -23,6 +22,11 @@ SETTINGS: dict[str, tuple[Setting, ...]] = {
     OUTLIERS: tuple(Setting(OUTLIERS, k, OUTLIER_NOISE) for k in range(0, 201, 20)),
 }
 """Settings of both protocols; noise is in units of the spread of the points."""
+
+ORDERS = np.array([(0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1), (2, 1, 0), (1, 0, 2)])
+"""All orders of a triangle's points; the last three turn it over."""
+SIGNS = np.array([1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
+"""Of the sines in each of them."""
 
 
 class Instance(NamedTuple):
@@ -68,3 +72,34 @@ def protocol_tensor(points: Instance, seed: int) -> AffinityTensor:
     mean = float(np.average(distance.mean(axis=1), weights=times))
     weights: Floats = np.exp(-distance / mean) * times[:, None]
     return AffinityTensor.unchecked(indices, weights.ravel(), (n, n_target))
+
+
+def nearest_triangles(asked: Floats, sines: Floats, count: int) -> tuple[Integers, Integers, Floats]:
+    """The triangles, in any order of their points, whose sines are nearest to each of those asked for.
+
+    Parameters
+    ----------
+    asked : (S, 3) array
+    sines : (T, 3) array
+    count : int
+        Neighbours of each, at most 6 T.
+
+    Returns
+    -------
+    triangle, order : (S, count) arrays
+        Row of ``sines`` and row of ``ORDERS``, in no particular order.
+    distance : (S, count) array
+    """
+    from scipy.spatial import cKDTree  # slow to import
+
+    tree, each = cKDTree(sines), min(count, len(sines))
+    # a triangle in an order is as far from what is asked as it is, as it stands, from that in the inverse order
+    found = [
+        tree.query(sign * asked[:, np.argsort(order)], k=[*range(1, each + 1)])
+        for order, sign in zip(ORDERS, SIGNS, strict=True)
+    ]
+    distance, triangle = (np.concatenate(part, axis=1) for part in zip(*found, strict=True))
+    count = min(count, distance.shape[1])
+    kept = np.argpartition(distance, count - 1, axis=1)[:, :count]
+    triangle, distance = (np.take_along_axis(part, kept, axis=1) for part in (triangle, distance))
+    return triangle, kept // each, distance

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.io.csv_tables import csv_text
 from rootmatch.research.bootstrap import Estimate, estimate
 from rootmatch.research.hypergraph.protocol import DEFORMATION, OUTLIERS, POINTS
-from rootmatch.research.output_files import count_text, csv_text, figure_files, markdown_table, write_files
+from rootmatch.research.output_files import count_text, figure_files, markdown_table, write_files
 from rootmatch.research.paper.settings import Setting
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ def results_csv(results: Results) -> str:
                 where = (protocol, POINTS[protocol], setting.outliers, setting.noise, solver, e.count)
                 other = published.get(METHODS.get(solver, ""), "")
                 rows.append((*where, round(e.mean, 6), round(e.low, 6), round(e.high, 6), other))
-    return csv_text(header, rows)
+    return csv_text([header, *rows])
 
 
 def draw(results: Results) -> Figure:

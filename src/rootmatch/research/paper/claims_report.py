@@ -289,10 +289,7 @@ def _details(number: int, judgement: Judgement) -> list[str]:
         name = f"{VARIANT_NAMES[variant]}, {RULE_NAMES[rule]}" if variant != "pipeline" else VARIANT_NAMES[variant]
         lines += [f"{name[0].upper()}{name[1:]}: **{said}**", ""]
         if variant in ("text", "published") or said != judgement.verdict(rule):
-            lines += _cases(cases)
+            words = {True: "yes", False: "no", None: "undecidable"}
+            rows = [(case.name, words[case.holds], case.figures) for case in cases]
+            lines += markdown_table(("case", "holds", "figures"), rows)
     return lines
-
-
-def _cases(cases: list[Case]) -> list[str]:
-    words = {True: "yes", False: "no", None: "undecidable"}
-    return markdown_table(("case", "holds", "figures"), [(c.name, words[c.holds], c.figures) for c in cases])

@@ -72,8 +72,6 @@ def make_plan(problems: tuple[str, ...], rhos: Rhos) -> Plan:
 def paper_method(rhos: Rhos, problem: str, solver: str, rule: Rule, residual: str = "qr") -> Method:
     """The paper's method with the ρ that a rule chooses for its solver."""
     scanned = START if solver in (START, DENSE_START) else SPARSE
-    if residual == "tan" and problem != "3p1":
-        residual = "qr"
     return Method(residual_name(problem, residual), solver, rhos.choose_rho(residual, problem, rule, scanned))
 
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from rootmatch.errors import InputError
+from rootmatch.io.csv_tables import csv_text
 from rootmatch.research.bootstrap import estimates
-from rootmatch.research.output_files import count_text, csv_text, figure_files, write_files
+from rootmatch.research.output_files import count_text, figure_files, write_files
 from rootmatch.research.paper.claims_report import claims_markdown
 from rootmatch.research.paper.figures import FIGURES, draw, draw_scan
 from rootmatch.research.paper.plan import Table, Variant, make_plan, paper_method
@@ -138,15 +139,13 @@ def choosing_rules(table: Table, problem: str, method: Method) -> list[Rule | No
     if method == DEFAULT_PIPELINE:
         return [None]
     asked = [(residual, rule) for residual in RESIDUALS for rule in ALL_RULES if residual != "tan" or problem == "3p1"]
-    same = [rule for residual, rule in asked if _is_chosen(table, problem, method, residual, rule)]
+    same = [
+        rule
+        for residual, rule in asked
+        if residual_name(problem, residual) == method.residual
+        and paper_method(table.rhos, problem, method.solver, rule, residual) == method
+    ]
     return list(dict.fromkeys(same))
-
-
-def _is_chosen(table: Table, problem: str, method: Method, residual: str, rule: Rule) -> bool:
-    """Whether a rule gives a method its ρ."""
-    if residual_name(problem, residual) != method.residual:
-        return False
-    return paper_method(table.rhos, problem, method.solver, rule, residual) == method
 
 
 def curves_csv(table: Table, problem: str) -> str:
@@ -162,7 +161,7 @@ def curves_csv(table: Table, problem: str) -> str:
                 for size, e in zip(sizes, estimates(columns), strict=True):
                     figures = (size, e.count, *(round(value, 6) for value in (e.mean, e.low, e.high)))
                     rows += [(*where, m.residual, m.solver, m.rho, rule or "", *figures) for rule in rules]
-    return csv_text(HEADER, rows)
+    return csv_text([HEADER, *rows])
 
 
 def scan_csv(rhos: Rhos) -> str:
@@ -177,4 +176,5 @@ def scan_csv(rhos: Rhos) -> str:
                 name, samples = "all" if rule in RULES else problem, rhos.effort.scan_samples(residual)
                 for rho, mean in zip(rhos.effort.grid, curve, strict=True):
                     rows.append((residual, name, rule, solver, samples, rho, round(mean, 6), int(rho == chosen)))
-    return csv_text(("residual", "problem", "rho_rule", "solver", "samples", "rho", "accuracy", "chosen"), rows)
+    header = ("residual", "problem", "rho_rule", "solver", "samples", "rho", "accuracy", "chosen")
+    return csv_text([header, *rows])

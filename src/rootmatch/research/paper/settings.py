@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from rootmatch.errors import InputError
 from rootmatch.simulation import SCENES, Scene
 
 PROBLEMS = ("p3p", "3p1", "up2p")
@@ -85,8 +84,6 @@ class Setting:
 
     def scene(self, seed: int) -> Scene:
         """The instance of a seed, with the paper's ten points."""
-        if self.problem not in SCENES:
-            raise InputError(f"problem: {self.problem!r} given; one of {', '.join(PROBLEMS)} expected")
         own: dict[str, Any] = {"baseline": self.baseline} if self.problem == "3p1" else {"motions": self.motions}
         return SCENES[self.problem](outliers=self.outliers, noise=self.noise, seed=seed, **own)
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.backends import cpu
-from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
 from rootmatch.hypergraph.enumeration import exhaustive_count, farthest_point_order, random_hyperedges
 from rootmatch.hypergraph.rows import row_keys, sorted_rows, unique_rows
@@ -97,8 +96,6 @@ class Stream:
         self.target = np.concatenate([block[1] for block in blocks])
         rows = sorted_rows((self.source * shape[1] + self.target).astype(np.int32))
         base = math.prod(shape)
-        if base**order >= 2**63:
-            raise InputError(f"{shape[0]} × {shape[1]} points: too many for a sweep over hyper-edges of order {order}")
         self.base = base
         first, sorted_group = unique_rows(rows, base)
         self.group = np.argsort(np.argsort(first))[sorted_group]

@@ -67,10 +67,7 @@ def _camera(known: dict[str, Any]) -> Any:
     from rootmatch.cameras.pinhole import Camera
 
     plain = Camera(*(known[name] for name in ("fx", "fy", "cx", "cy")))
-    if "dist" not in known:
-        return plain
-    K = np.array([[plain.fx, 0.0, plain.cx], [0.0, plain.fy, plain.cy], [0.0, 0.0, 1.0]])
-    return Camera.from_opencv(K, known["dist"])
+    return Camera.from_opencv(plain.matrix, known["dist"]) if "dist" in known else plain
 
 
 def main(method: str) -> None:

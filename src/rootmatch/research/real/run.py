@@ -86,21 +86,13 @@ def run_real(
                 if scene.protocol not in warm:
                     program.ask(scene.request, program.start_up)  # compiles what this kind of scene needs
                     warm.add(scene.protocol)
-                append_row(path, _row(method, scene, program, timeout))
+                told = judge_reply(scene, program.ask(scene.request, timeout))
+                made = {"method": method, "version": __version__, "measured": time.strftime("%Y-%m-%d")}
+                append_row(path, made | told)
                 done += 1
                 if progress is not None:
                     progress(done, total)
     return write_leaderboard(output)
-
-
-def _row(method: str, scene: RealScene, program: Program, timeout: float) -> dict[str, Any]:
-    reply = program.ask(scene.request, timeout)
-    return {
-        "method": method,
-        "version": __version__,
-        "measured": time.strftime("%Y-%m-%d"),
-        **judge_reply(scene, reply),
-    }
 
 
 def judge_reply(scene: RealScene, reply: dict[str, Any]) -> dict[str, Any]:
