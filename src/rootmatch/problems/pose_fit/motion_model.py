@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.algebra.rotation import rotation_from_vector, turn_jacobian
+from rootmatch.algebra.rotation import angle_count, rotation_from_vector, turn_jacobian
 from rootmatch.arrays import Floats, Integers
 from rootmatch.frozen import copy_with
 from rootmatch.problems.points import PointClouds
@@ -66,7 +66,7 @@ class MotionModel:
 
     def moved(self, state: State, step: Floats) -> State:
         """See `Model`."""
-        angles = 3 if self.dimension == 3 else 1
+        angles = angle_count(self.dimension)
         if angles == 3:
             turn = rotation_from_vector(step[:, :3])
         else:
@@ -145,7 +145,7 @@ def _residual_curvature(model: MotionModel, state: State, residuals: Floats) -> 
     pull = (model.white.swapaxes(2, 3) @ residuals.reshape(*moved.shape, 1))[..., 0]
     outer = pull.swapaxes(1, 2) @ moved
     along = np.trace(outer, axis1=1, axis2=2)
-    angles = 3 if size == 3 else 1
+    angles = angle_count(size)
     whole = np.zeros((len(moved), *(angles + size + model.scaled,) * 2))
     if size == 3:
         whole[:, :3, :3] = 0.5 * (outer + outer.swapaxes(1, 2))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import turn_jacobian
+from rootmatch.algebra.rotation import angle_count, turn_jacobian
 from rootmatch.arrays import Floats, Integers
 from rootmatch.frozen import copy_with
 from rootmatch.problems.points import PointClouds, pairwise_squared_distances
@@ -70,7 +70,7 @@ class PointSetFit:
         if self.full.shape[1]:
             return self.full
         size = self.shift.shape[1]
-        angles = 3 if size == 3 else 1
+        angles = angle_count(size)
         whole = np.zeros((len(self.scale), *(angles + size + self.clouds.scaled,) * 2))
         if size == 3:
             whole[:, :3, :3] = (self.frame * self.spread[:, None]) @ self.frame.swapaxes(1, 2)
@@ -233,7 +233,7 @@ def fit_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) -> 
             turned, _log_rotation_integral(_curvature(scale[:, None] * values * other)) - worse
         ) - math.log(2.0)
     n_matched = matched.sum(axis=1)
-    freedom = size * (n_matched - 1) - (3 if size == 3 else 1)
+    freedom = size * (n_matched - 1) - angle_count(size)
     norm = 0.5 * size * np.log(np.where(matched, weight / TURN, 1.0)).sum(axis=1)
     evidence = norm + 0.5 * size * np.log(TURN / total) + turned - 0.5 * chi2
     if clouds.scaled:
@@ -273,7 +273,7 @@ def _refine_with_covariances(fit: PointSetFit, centre2: Floats) -> PointSetFit:
     A rotation of a plane is still integrated as if χ² were its cosine.
     """
     size, scaled = fit.shift.shape[1], fit.clouds.scaled
-    angles = 3 if size == 3 else 1
+    angles = angle_count(size)
     found = fit_with_covariances(fit.clouds, fit.assignments, fit.centre, (fit.rotation, centre2, np.log(fit.scale)))
     # one after the other: the rotation, given that all else follows it, then the scale, then the shift
     information, rest = found.information, found.information[:, angles:, angles:]
