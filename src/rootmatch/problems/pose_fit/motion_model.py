@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -101,25 +100,20 @@ def _whitening(clouds: PointClouds, assignments: Integers, state: State) -> Floa
     return np.asarray((assignments >= 0)[..., None, None] * np.linalg.inv(np.linalg.cholesky(both)))
 
 
-class FullFit(NamedTuple):
-    """Motions of K assignments by the covariances of all pairs."""
+def fit_with_covariances(
+    clouds: PointClouds, assignments: Integers, centre: Floats, state: State
+) -> tuple[State, Floats, Floats, Floats]:
+    """The motion of each assignment (K, n) about a centre (K, k) of the source, from one that is nearly it.
 
-    rotation: Floats
-    """(K, k, k)."""
-    shift: Floats
-    """(K, k), of the centre."""
-    scale: Floats
-    """(K,)."""
-    chi2: Floats
-    """(K,)."""
-    log_white: Floats
-    """(K,) sum of the logarithms of 1 / √|Σ|."""
-    information: Floats
-    """(K, p, p) exact second derivatives of χ²/2 by a turn, a shift of the centre, and the logarithm of the scale."""
-
-
-def fit_with_covariances(clouds: PointClouds, assignments: Integers, centre: Floats, state: State) -> FullFit:
-    """The motion of each assignment (K, n) about a centre (K, k) of the source, from one that is nearly it."""
+    Returns
+    -------
+    state : State
+    chi2 : (K,) array
+    log_white : (K,) array
+        Sum of the logarithms of 1 / √|Σ|.
+    information : (K, p, p) array
+        Exact second derivatives of χ²/2 by a turn, a shift of the centre, and the logarithm of the scale.
+    """
     image = clouds.target[np.where(assignments >= 0, assignments, 0)]
     variance2 = clouds.target_variance[np.where(assignments >= 0, assignments, 0)]
     model = MotionModel(clouds.source - centre[:, None], image, clouds.source_variance, variance2, clouds.scaled)
@@ -132,9 +126,7 @@ def fit_with_covariances(clouds: PointClouds, assignments: Integers, centre: Flo
     information = np.where((least > 0.0)[:, None, None], information, normal)
     diagonal = np.diagonal(model.white, axis1=2, axis2=3)
     log_white = np.log(np.where(diagonal > 0.0, diagonal, 1.0)).sum(axis=(1, 2))
-    scale = np.exp(state[2])
-    chi2 = (residuals**2).sum(axis=1)
-    return FullFit(state[0], state[1], scale, chi2=chi2, log_white=log_white, information=information)
+    return state, (residuals**2).sum(axis=1), log_white, information
 
 
 def _residual_curvature(model: MotionModel, state: State, residuals: Floats) -> Floats:

@@ -274,15 +274,17 @@ def _refine_with_covariances(fit: PointSetFit, centre2: Floats) -> PointSetFit:
     """
     size, scaled = fit.shift.shape[1], fit.clouds.scaled
     angles = angle_count(size)
-    found = fit_with_covariances(fit.clouds, fit.assignments, fit.centre, (fit.rotation, centre2, np.log(fit.scale)))
+    (rotation, shift, log_scale), chi2, log_white, information = fit_with_covariances(
+        fit.clouds, fit.assignments, fit.centre, (fit.rotation, centre2, np.log(fit.scale))
+    )
+    scale = np.exp(log_scale)
     # one after the other: the rotation, given that all else follows it, then the scale, then the shift
-    information, rest = found.information, found.information[:, angles:, angles:]
-    across = information[:, :angles, angles:]
+    rest, across = information[:, angles:, angles:], information[:, :angles, angles:]
     of_turn = information[:, :angles, :angles] - across @ np.linalg.solve(rest, across.swapaxes(1, 2))
     curvature, frame = np.linalg.eigh(of_turn)
     curvature = np.maximum(curvature, 0.0)
     of_shift = rest[:, :size, :size]
-    evidence = found.log_white - 0.5 * size * math.log(TURN) * (fit.assignments >= 0).sum(axis=1) - 0.5 * found.chi2
+    evidence = log_white - 0.5 * size * math.log(TURN) * (fit.assignments >= 0).sum(axis=1) - 0.5 * chi2
     evidence += 0.5 * size * math.log(TURN) - 0.5 * np.linalg.slogdet(of_shift)[1] + _log_rotation_integral(curvature)
     if scaled:
         column = rest[:, :size, size]
@@ -292,8 +294,8 @@ def _refine_with_covariances(fit: PointSetFit, centre2: Floats) -> PointSetFit:
     vague = np.zeros(rest.shape[1] + angles)
     vague[:angles] = 1.0 / TURN
     return copy_with(
-        fit, chi2=found.chi2, evidence=evidence, rotation=found.rotation, scale=found.scale,
-        shift=found.shift - found.scale[:, None] * _rotate_points(found.rotation, fit.centre),
+        fit, chi2=chi2, evidence=evidence, rotation=rotation, scale=scale,
+        shift=shift - scale[:, None] * _rotate_points(rotation, fit.centre),
         spread=own if size == 3 else np.repeat(own, 2, axis=1), frame=frame if size == 3 else fit.frame,
         full=np.asarray(np.linalg.inv(information + np.diag(vague)), np.float64),
     )  # fmt: skip
