@@ -23,11 +23,10 @@ from rootmatch.model.pose_density import Broad, Doubted, Gaussian
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
-from rootmatch.problems.pose_fit.either_axes import covariance_in_either_axes
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import nearest_covariance
 from rootmatch.problems.pose_fit.pose_prior import PosePrior, turn_vectors
-from rootmatch.problems.pose_fit.reference_point import add_arc_curvature, pose_about_point
+from rootmatch.problems.pose_fit.reference_point import add_arc_curvature, covariance_in_either_axes, pose_about_point
 from rootmatch.problems.pose_fit.rig_fit import rig_pose
 from rootmatch.problems.pose_fit.shared_errors import (
     SharedPose,
