@@ -13,7 +13,8 @@ from rootmatch.deadline import NEVER, Deadline, checkpoint
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.alternatives import best_neighbours
 from rootmatch.solvers.ascent.assignment_state import State
-from rootmatch.solvers.ascent.bounded_ascents import SECONDS_PER_GAIN, AscentOptions, BoundedAscents
+from rootmatch.solvers.ascent.bounded_ascents import SECONDS_PER_GAIN, BoundedAscents
+from rootmatch.solvers.ascent.options import AscentOptions
 from rootmatch.solvers.ascent.random_walk_start import WALK, random_walk_start
 from rootmatch.solvers.ascent.start_ranking import rank_candidates
 from rootmatch.solvers.ascent.start_selection import are_cores_covered, force_cores, next_starts, pack_cores

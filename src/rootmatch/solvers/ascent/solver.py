@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.solvers.ascent.bounded_ascents import AscentOptions
 from rootmatch.solvers.ascent.multi_start import MultiStart
+from rootmatch.solvers.ascent.options import AscentOptions
 from rootmatch.solvers.ascent.subset_index import SubsetIndex, build_index
 from rootmatch.solvers.base import Solution, empty_solution, is_empty
 
