@@ -13,6 +13,7 @@ import pytest
 import instances
 import oracles
 from rootmatch.backends import cpu
+from rootmatch.backends.strongest import Enumeration
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import Affinity, Residual, affinity
@@ -70,16 +71,12 @@ def as_dict(tensor: Any, weigh: Affinity) -> dict[tuple[int, ...], float]:
 def test_slabs_give_each_hyperedge_the_residual_of_its_own_kernel(problem: str, kind: type) -> None:
     """One row at a time and one hyper-edge at a time are different kernels of the same residual."""
     n, n_target, order = 6, 6, ORDER[problem]
-    bases, arrangements = enumeration.source_bases(n, order), enumeration.target_arrangements(n_target, order - 1)
-    everywhere = np.empty((0, 0), dtype=bool)
-    ranks = len(bases) * len(arrangements)
     for seed, pairs in ((0, 0b1), (1, 0b10), (2, 0b111)):
         tables = scene(problem, n, n_target, seed)
-        codes, residuals, counts, evaluated = cpu.sweep(
-            tables, kind(pairs), bases, 0, ranks, arrangements, ALL, everywhere, 1 << 14, n_target, n, 1
-        )
+        work = Enumeration.of(tables, kind(pairs), (n, n_target), order, None)
+        codes, residuals, counts, evaluated = cpu.sweep(work, 0, work.ranks, ALL, capacity=1 << 14, chunks=1)
         assert counts[0] == evaluated[0] == enumeration.exhaustive_count(n, n_target, order)
-        indices = cpu.decode(codes[0, : counts[0]], bases, arrangements, n_target, n)
+        indices = cpu.decode(work, codes[0, : counts[0]])
         single = cpu.residuals(tables, kind(pairs), *np.divmod(indices.astype(np.int64), n_target))
         # Compiled apart, their roundings differ. P3P's |R| in closed form has a floor of its own.
         floor = 3e-8 if problem == "p3p" and kind in (QR, QRBoth) else 1e-9
@@ -155,14 +152,15 @@ class TestExhaustive:
 def test_codes_name_minimal_set_arrangement_and_last_correspondence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cpu, "DECODED", 7)  # several pieces
     n, n_target = 6, 5
-    bases, arrangements = enumeration.source_bases(n, 4), enumeration.target_arrangements(n_target, 3)
+    work = Enumeration.of(None, None, (n, n_target), 4, None)
+    bases, arrangements = work.bases, work.arrangements
     rng = np.random.default_rng(0)
     codes, expected = [], []
     for base, order, last, target in rng.integers(0, (len(bases), len(arrangements), n, n_target), (40, 4)).tolist():
         codes.append(((base * len(arrangements) + order) * n + last) * n_target + target)
         pairs = [*zip(bases[base], arrangements[order], strict=True), (last, target)]
         expected.append([i * n_target + j for i, j in pairs])
-    decoded = cpu.decode(np.array(codes), bases, arrangements, n_target, n)
+    decoded = cpu.decode(work, np.array(codes))
     assert decoded.dtype == np.int32
     np.testing.assert_array_equal(decoded, expected)
 
@@ -274,16 +272,12 @@ def test_the_first_samples_are_the_same_for_every_number_of_samples() -> None:
 def test_room_behind_the_targets_changes_nothing(problem: str, kind: Any) -> None:
     """Loops over padded tables fill whole vectors; what is in the padding is never found."""
     n, n_target, order = 6, 9, ORDER[problem]
-    bases, arrangements = enumeration.source_bases(n, order), enumeration.target_arrangements(n_target, order - 1)
     tables = scene(problem, n, n_target)
     wider = pad_tables(tables, n_target)
     assert (target_columns(tables, n_target), target_columns(wider, n_target)) == (9, 16)
-    everywhere = np.empty((0, 0), dtype=bool)
     gate = 1e-3 if isinstance(kind, QR) else 2.0
-    found = [
-        cpu.sweep(each, kind, bases, 0, len(bases) * 60, arrangements, gate, everywhere, 1 << 16, n_target, n, 3)
-        for each in (tables, wider)
-    ]
+    every = [Enumeration.of(each, kind, (n, n_target), order, None) for each in (tables, wider)]
+    found = [cpu.sweep(work, 0, 60 * len(work.bases), gate, capacity=1 << 16, chunks=3) for work in every]
     (codes, residuals, counts, evaluated), (codes2, residuals2, counts2, evaluated2) = found
     assert 0 < counts.max() <= 1 << 16
     np.testing.assert_array_equal(counts, counts2)

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from rootmatch.solvers.packing.cliques import cliques
+from rootmatch.solvers.packing.fitted_groups import cliques
 
 
 @pytest.mark.parametrize("order", [2, 3, 4])

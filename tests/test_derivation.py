@@ -22,6 +22,7 @@ from scipy.stats import chi2
 
 import instances
 import oracles
+from plain_kernels import interpreted_kernels
 from rootmatch import residuals
 from rootmatch.backends import cpu
 from rootmatch.cameras.pinhole import Camera
@@ -31,7 +32,7 @@ from rootmatch.errors import InputError, RootmatchError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.derived import compile as compile_module
 from rootmatch.problems.derived import store
-from rootmatch.problems.derived.compile import compile_residuals
+from rootmatch.problems.kernels import ResidualKernels
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 
@@ -130,13 +131,13 @@ def hyperedges(scene: Scene, order: int, count: int, seed: int) -> tuple[np.ndar
     return source, target
 
 
-_INTERPRETED: dict[tuple[str, float], dict[type, tuple[Callable, Callable]]] = {}
+_INTERPRETED: dict[tuple[str, float], dict[type, ResidualKernels]] = {}
 
 
-def interpreted(problem: DerivedProblem) -> dict[type, tuple[Callable, Callable]]:
+def interpreted(problem: DerivedProblem) -> dict[type, ResidualKernels]:
     key = problem.tag, compile_module.BLUR
     if key not in _INTERPRETED:
-        _INTERPRETED[key] = compile_residuals(problem.residuals, problem.generated.functions, interpreted=True)
+        _INTERPRETED[key] = interpreted_kernels(problem)
     return _INTERPRETED[key]
 
 
@@ -323,7 +324,7 @@ def test_normalised_is_the_polynomial_over_its_deviation_in_pixels(name: str, mo
     scene = MAKERS[name][1](0, 0.05)
     problem.prepare(scene.source, scene.target)  # registers its kernels as they are
     monkeypatch.setattr("rootmatch.problems.derived.compile.BLUR", 0.0)
-    edge, _ = interpreted(problem)[Normalised]
+    edge = interpreted(problem)[Normalised].edge
     errors = []
     for seed in range(5):
         scene = MAKERS[name][1](seed, 0.05)
@@ -339,7 +340,7 @@ def test_normalised_is_the_polynomial_over_its_deviation_in_pixels(name: str, mo
 def test_joint_is_the_reprojection_error_of_the_best_pose(name: str) -> None:
     problem = derived(name)
     sigma = 0.02
-    edge, _ = interpreted(problem)[Joint]
+    edge = interpreted(problem)[Joint].edge
     errors = []
     rng = np.random.default_rng(3)
     for _ in range(40):
@@ -367,7 +368,7 @@ def test_joint_is_the_reprojection_error_of_the_best_pose(name: str) -> None:
 def test_resultant_residuals_are_those_of_the_sylvester_matrix(name: str, kind: type) -> None:
     problem = derived(name)
     oracle = {QR: oracles.qr, QRBoth: oracles.qr_both, SVD: oracles.svd}[kind]
-    edge, _ = interpreted(problem)[kind]
+    edge = interpreted(problem)[kind].edge
     scene = MAKERS[name][1](1, 0.5)
     tables = problem.prepare(scene.source, scene.target, 0.5)
     source, target = hyperedges(scene, problem.order, 8, 1)
@@ -383,7 +384,8 @@ def test_resultant_residuals_are_those_of_the_sylvester_matrix(name: str, kind: 
 @pytest.mark.parametrize("name", ["up2p", "p3p", "3p1"])
 def test_slab_is_edge_by_edge(name: str, kind: type) -> None:
     problem = derived(name)
-    edge, slab = interpreted(problem)[kind]
+    kernels = interpreted(problem)[kind]
+    edge, slab = kernels.edge, kernels.slab
     scene = MAKERS[name][1](2, 0.5)
     tables = problem.prepare(scene.source, scene.target, 0.5)
     m = problem.minimal
@@ -405,7 +407,7 @@ def test_several_pairs_give_the_greatest(name: str) -> None:
     tables = problem.prepare(scene.source, scene.target, 0.5)
     source, target = hyperedges(scene, problem.order, 6, 3)
     for kind in (QR, Normalised):
-        edge, _ = interpreted(problem)[kind]
+        edge = interpreted(problem)[kind].edge
         for i, j in zip(source, target, strict=True):
             single = [edge(tables, kind(1 << bit), i, j) for bit in range(problem.pair_count)]
             assert edge(tables, kind(0b111), i, j) == max(single[:3])
@@ -415,7 +417,7 @@ def test_several_pairs_give_the_greatest(name: str) -> None:
 def test_joint_is_calibrated_and_tells_true_from_wrong(name: str, within: float) -> None:
     """√χ² of as many degrees of freedom as constraints; wrong ones pass hardly more often than by hand."""
     problem = derived(name)
-    edge, _ = interpreted(problem)[Joint]
+    edge = interpreted(problem)[Joint].edge
     values, by_hand = [], []
     for seed in range(30):
         scene = MAKERS[name][1](seed, 0.1)
@@ -437,7 +439,7 @@ def test_compiled_and_interpreted_agree() -> None:
     scene = _up2p(5, 0.5)
     tables = problem.prepare(scene.source, scene.target, 0.5)
     source, target = hyperedges(scene, 3, 40, 5)
-    edge, _ = interpreted(problem)[Joint]
+    edge = interpreted(problem)[Joint].edge
     expected = [edge(tables, Joint(), i, j) for i, j in zip(source, target, strict=True)]
     found = cpu.residuals(tables, Joint(), source, target)
     near = found < 10.0  # beyond, wrong ones may be near a singularity, where rounding decides
@@ -474,7 +476,8 @@ def test_conditions_stop_roots_that_no_camera_sees() -> None:
         points = rng.normal(size=(4, 2))
         tables = problem.prepare(points, 2.0 * points, 0.01)
         index = np.arange(3)
-        edge, slab = interpreted(problem)[Joint]
+        kernels = interpreted(problem)[Joint]
+        edge, slab = kernels.edge, kernels.slab
         values[name] = edge(tables, Joint(), index, index)
         out = np.empty((2, 4))
         slab(tables, Joint(), index.copy(), index.copy(), 2, None, out)
@@ -504,7 +507,7 @@ def test_interval_bounds_the_shared_variable() -> None:
     index = np.arange(3)
     for name, interval, inside in (("up", (1.0, None), True), ("down", (None, 1.0), False)):
         problem = make(name, interval)
-        edge, _ = interpreted(problem)[Normalised]
+        edge = interpreted(problem)[Normalised].edge
         value = edge(problem.prepare(points, 2.0 * points, 0.01), Normalised(), index, index)
         assert (value < 1e-6) == inside
 
@@ -558,7 +561,8 @@ def test_no_residual_depends_on_the_unit(kind: type) -> None:
     ]
     rng = np.random.default_rng(0)
     for problem, source, target, noise, truth, target_units in cases:
-        edge, slab = interpreted(problem)[kind]
+        kernels = interpreted(problem)[kind]
+        edge, slab = kernels.edge, kernels.slab
         i = np.array([rng.permutation(8)[:4] for _ in range(10)])
         j = np.concatenate([truth[i[:5]], [rng.permutation(8)[:4] for _ in range(5)]])
 

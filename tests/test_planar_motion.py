@@ -14,12 +14,12 @@ from scipy.stats import chi2
 import oracles
 import robot_scenes
 from instances import axis_rotation
+from plain_kernels import interpreted_kernels
 from robot_scenes import DOWN, INTRINSICS
 from rootmatch import match
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.derivation.shipped import planar_motion
 from rootmatch.errors import InputError
-from rootmatch.problems.derived.compile import compile_residuals
 from rootmatch.problems.planar_motion import PlanarMotion
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
 
@@ -30,7 +30,7 @@ CAMERA = Camera(*INTRINSICS)
 def interpreted(kind: type) -> Callable:
     """The kernel of a residual as plain Python, which need not be compiled; `test_match` runs the compiled ones."""
     derived = PlanarMotion(CAMERA, axis=(0, 1, 0)).derived
-    return compile_residuals(derived.residuals, derived.generated.functions, interpreted=True)[kind][0]
+    return interpreted_kernels(derived)[kind].edge
 
 
 def problem_of(scene: robot_scenes.Scene) -> PlanarMotion:

@@ -261,7 +261,7 @@ def test_a_fit_with_a_prediction_has_the_derivatives_of_its_residuals(angle: flo
     rng = np.random.default_rng(3)
     root = rng.normal(size=(6, 6))
     pose = rm.Pose(Rotation.random(random_state=3).as_matrix(), rng.normal(size=3), root @ root.T)
-    prior = Prior.of(pose, rng.normal(size=3), 2.0)
+    prior = Prior.of(pose, rng.normal(size=3), 2.0, pose)
     axis, step = rng.normal(size=3), 1e-6
     R = (Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix() @ pose.R)[None]
     t = prior.translation + rng.normal(0.0, 0.3, (1, 3))

@@ -13,11 +13,11 @@ from scipy.optimize import least_squares
 import oracles
 import robot_scenes
 from instances import axis_rotation
+from plain_kernels import interpreted_kernels
 from robot_scenes import DOWN
 from rootmatch.derivation.shipped import up2pf
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import affinity
-from rootmatch.problems.derived.compile import compile_residuals
 from rootmatch.problems.residual_kinds import Joint, Normalised
 from rootmatch.problems.up2pf import UP2PF
 from rootmatch.samplers.exhaustive import exhaustive_tensor
@@ -125,7 +125,7 @@ def test_shipped_formulas_are_those_of_the_equations() -> None:
 def interpreted(kind: type) -> Callable:
     """The kernel of a residual as plain Python: compiling each takes ten seconds."""
     derived = UP2PF(CENTRE, (0, 1, 0), (0, 1, 0)).derived
-    return compile_residuals(derived.residuals, derived.generated.functions, interpreted=True)[kind][0]
+    return interpreted_kernels(derived)[kind].edge
 
 
 def best_pose_chi2(scene: robot_scenes.Scene, pixels: np.ndarray, sigma: float) -> float:

@@ -41,6 +41,11 @@ def triangle_frames(corners: Floats) -> Floats:
         return np.stack([first, cross(normal, first), normal], axis=-1)
 
 
+def angle_count(dimension: int) -> int:
+    """Number of angles of a rotation: one in a plane, three in space."""
+    return 3 if dimension == 3 else 1
+
+
 def turn_jacobian(points: Floats) -> Floats:
     """Derivative (…, k, angles) of turned points (…, k) by the turn, which is small: ω × x, one angle in a plane."""
     if points.shape[-1] == 2:

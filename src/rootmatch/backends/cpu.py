@@ -7,6 +7,7 @@ found again in Numba's cache on disk.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -62,44 +63,26 @@ def evaluate(tables, kind, source_index, target_index, first, last, block, resid
 
 
 def sweep(
-    tables: Any,
-    kind: Any,
-    bases: NDArray[np.int64],
-    first_rank: int,
-    last_rank: int,
-    arrangements: NDArray[np.int32],
-    gate: float,
-    allowed: NDArray[np.bool_],
-    capacity: int,
-    targets: int,
-    points: int,
-    chunks: int,
+    work: Enumeration, first: int, last: int, gate: float, *, capacity: int, chunks: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-    """Hyper-edges below the gate among the slabs of ranks ``first_rank … last_rank − 1``.
+    """Hyper-edges below the gate among the slabs of ranks ``first … last − 1`` of an enumeration.
 
     Parameters
     ----------
-    bases : (B, d − 1) int64 array
-        Minimal sets of source points, increasing; the last point of a hyper-edge runs from the last of them + 1 on.
-    first_rank, last_rank : int
-        A slab's rank is (minimal set) · arrangements + (arrangement of targets).
-    arrangements : (P, d − 1) int32 array
-        All arrangements of d − 1 targets.
+    work : Enumeration
+        Its tables may be padded.
+    first, last : int
     gate : float
         Residuals above it are dropped.
-    allowed : (n, n') bool array, or (0, 0) for all
-        Candidate correspondences.
     capacity : int
         What each chunk can keep.
-    targets, points : int
-        n' and n.
     chunks : int
         Pieces that the ranks are cut into; each writes into its own part of the output, in order.
 
     Returns
     -------
     codes : (chunks, capacity) int64 array
-        ((rank · n) + last source) · n' + last target of each hyper-edge.
+        Number of each hyper-edge, see `Enumeration`.
     residuals : (chunks, capacity) array
     counts, evaluated : (chunks,) int64 arrays
         Found and looked at. A count above ``capacity`` tells that the rest was lost.
@@ -109,19 +92,19 @@ def sweep(
     counts = np.zeros(chunks, np.int64)
     evaluated = np.zeros(chunks, np.int64)
 
-    columns = target_columns(tables, targets)
-    order = bases.shape[1] + 1
+    points, targets = work.shape
+    columns = target_columns(work.tables, targets)
 
-    def work(first: int, last: int) -> None:
+    def sweep_chunks(first_chunk: int, last_chunk: int) -> None:
         scratch = np.empty((SCRATCH_ROWS, max(points, SCRATCH_COLUMNS)))
         out, panel = np.empty((points, columns)), np.empty((PANEL_ROWS, columns))
-        i, j, before = np.empty(order, np.int64), np.empty(order, np.int64), np.empty(order, np.int64)
+        i, j, before = (np.empty(work.order, np.int64) for _ in range(3))
         _sweep(
-            tables, kind, bases, first_rank, last_rank, arrangements, gate, allowed, targets, points,
-            chunks, first, last, i, j, before, scratch, out, panel, codes, residuals, counts, evaluated,
+            work.tables, work.kind, work.bases, first, last, work.arrangements, gate, work.allowed, targets, points,
+            chunks, first_chunk, last_chunk, i, j, before, scratch, out, panel, codes, residuals, counts, evaluated,
         )  # fmt: skip
 
-    run_in_threads(work, chunks, worthwhile_threads(chunks), PARTS)
+    run_in_threads(sweep_chunks, chunks, worthwhile_threads(chunks), PARTS)
     return codes, residuals, counts, evaluated
 
 
@@ -192,14 +175,13 @@ def _sweep(  # type: ignore[no-untyped-def]
         evaluated[chunk] = done
 
 
-def decode(
-    codes: NDArray[np.int64], bases: NDArray[np.int64], arrangements: NDArray[np.int32], targets: int, points: int
-) -> NDArray[np.int32]:
-    """Flat correspondences (E, d) int32 of the codes that `sweep` returns."""
-    indices = np.empty((codes.size, bases.shape[1] + 1), np.int32)
+def decode(work: Enumeration, codes: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Flat correspondences (E, d) int32 of hyper-edges by their numbers in an enumeration."""
+    points, targets = work.shape
+    indices = np.empty((codes.size, work.order), np.int32)
     for first in range(0, codes.size, DECODED):
         last = min(first + DECODED, codes.size)
-        _decode(codes, bases, arrangements, targets, points, first, last, indices)
+        _decode(codes, work.bases, work.arrangements, targets, points, first, last, indices)
     return indices
 
 
@@ -241,8 +223,7 @@ def evaluated(tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[tuple
 
 def _make_sweep(work: Enumeration) -> Sweep:
     """Sweeps on threads; what more is found than there is room for is looked for again."""
-    n, n_target = work.shape
-    tables = pad_tables(work.tables, n_target)
+    work = replace(work, tables=pad_tables(work.tables, work.shape[1]))
     capacity = FIRST_CAPACITY
 
     def swept(first: int, last: int, kept: Strongest) -> int:
@@ -250,20 +231,7 @@ def _make_sweep(work: Enumeration) -> Sweep:
         chunks = CHUNKS if (last - first) * work.per_slab > SMALL else 1
         while True:
             try:
-                codes, values, counts, looked = sweep(
-                    tables=tables,
-                    kind=work.kind,
-                    bases=work.bases,
-                    first_rank=first,
-                    last_rank=last,
-                    arrangements=work.arrangements,
-                    gate=kept.gate,
-                    allowed=work.allowed,
-                    capacity=capacity,
-                    targets=n_target,
-                    points=n,
-                    chunks=chunks,
-                )
+                codes, values, counts, looked = sweep(work, first, last, kept.gate, capacity=capacity, chunks=chunks)
             except SystemError as error:
                 # Ctrl-C met while a compiled function returns
                 if isinstance(error.__cause__, KeyboardInterrupt):

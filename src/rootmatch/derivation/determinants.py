@@ -57,7 +57,7 @@ def resultant(p: Any, q: Any, symbol: Expr) -> Any:
     if p.degree(symbol) < q.degree(symbol):
         p, q = q, p
     m, n = p.degree(symbol), q.degree(symbol)
-    a, b = _split_by_powers(p, symbol, m), _split_by_powers(q, symbol, m)
+    a, b = split_by_powers(p, symbol, m), split_by_powers(q, symbol, m)
     zero = p * 0
     rows = []
     # the first n rows: Cayley's; the rest: shifts of q
@@ -86,7 +86,7 @@ def _shifted_coefficient(b: list[Any], n: int, m: int, power: int) -> Any:
     return b[place] if 0 <= place <= n else b[0] * 0
 
 
-def _split_by_powers(polynomial: Any, symbol: Expr, degree: int) -> list[Any]:
+def split_by_powers(polynomial: Any, symbol: Expr, degree: int) -> list[Any]:
     """Coefficients (lowest first, up to the degree) of the powers of one unknown, each a polynomial in the same."""
     place = polynomial.gens.index(symbol)
     parts: list[dict[tuple[int, ...], Expr]] = [{} for _ in range(degree + 1)]

@@ -14,7 +14,7 @@ from typing import Any
 
 import sympy as sp
 
-from rootmatch.derivation.determinants import determinant, order_last_first, resultant
+from rootmatch.derivation.determinants import determinant, order_last_first, resultant, split_by_powers
 from rootmatch.derivation.leaves import Expr, Leaves
 from rootmatch.errors import InputError
 
@@ -172,14 +172,9 @@ def _substitute_linear(polynomials: list[Any], unknowns: list[Expr]) -> tuple[li
 
 def _insert_polynomial(polynomial: Any, symbol: Expr, value: Any) -> Any:
     """The polynomial with a polynomial put for one unknown, by Horner's rule."""
-    place = polynomial.gens.index(symbol)
-    parts: dict[int, dict[tuple[int, ...], Expr]] = {}
-    for powers, coefficient in polynomial.terms():
-        key = (*powers[:place], 0, *powers[place + 1 :])
-        parts.setdefault(powers[place], {})[key] = coefficient
     total = sp.Poly(0, *polynomial.gens)
-    for degree in range(max(parts), -1, -1):
-        total = total * value + sp.Poly.from_dict(parts.get(degree, {}), *polynomial.gens)
+    for part in reversed(split_by_powers(polynomial, symbol, polynomial.degree(symbol))):
+        total = total * value + part
     return total
 
 

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from rootmatch.arrays import Floats
 from rootmatch.derivation.leaves import COMMON, Expr
-from rootmatch.derivation.statement import Statement, unknown_places
+from rootmatch.derivation.statement import Statement
 from rootmatch.errors import InputError, RootmatchError
 
 Sampler = Callable[[np.random.Generator], Any]
@@ -73,7 +73,7 @@ class Solver:
             for slot, column in enumerate(points[side]):
                 slot_of |= {symbol: slot if k < own else COMMON for k, symbol in enumerate(column)}
         base = statement.build(points["s"][:m], points["t"][:m])
-        self.places = unknown_places(base, [*statement.unknowns, statement.shared], slot_of, statement.places_of_copies)
+        self.places = statement.places_of_unknowns(base, slot_of)
         equations: dict[Expr, None] = {}
         self.of_first = 0
         """Number of equations of the first minimal set."""

@@ -15,7 +15,7 @@ from rootmatch.derivation.check import Judge, Order
 from rootmatch.derivation.elimination import Definitions, eliminate, make_polynomials
 from rootmatch.derivation.hoisting import sort_leaves
 from rootmatch.derivation.leaves import Leaves
-from rootmatch.derivation.statement import Statement, unknown_places
+from rootmatch.derivation.statement import Statement
 from rootmatch.derivation.straight_line import Program, function_text
 from rootmatch.errors import InputError
 from rootmatch.problems.derived.text import Use, root_order
@@ -47,9 +47,8 @@ def _relation(statement: Statement, leaves: Leaves, base: Order) -> tuple[str, U
     m = statement.minimal
     X, u = leaves.points["s"], leaves.points["t"]
     x = statement.shared
-    slot_of = leaves.slots()
     first = statement.build(X, u)
-    places = unknown_places(first, [*statement.unknowns, x], slot_of, statement.places_of_copies)
+    places = statement.places_of_unknowns(first, leaves.slots())
     other = statement.build([X[k] for k in base], [u[k] for k in base])
     y = sp.Symbol(f"{x.name}__other")
     # an unknown of correspondence k in the first order is that of the same correspondence in the other

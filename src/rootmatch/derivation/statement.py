@@ -114,6 +114,24 @@ class Statement:
         if not any(measured & e.free_symbols for e in built):
             raise InputError("equations: nothing measured occurs in them")
 
+    def places_of_unknowns(self, built: Sequence[Expr], slot_of: dict[Expr, int]) -> dict[Expr, tuple[int, ...]]:
+        """Correspondences that each unknown belongs to: those of all equations that hold it; () for all of them.
+
+        An equation without measurements (b = x a) belongs where its other unknowns do.
+        """
+        unknowns = [*self.unknowns, self.shared]
+        found: dict[Expr, set[int]] = {symbol: {place} for symbol, place in self.places_of_copies.items()}
+        where = [{slot_of[s] for s in e.free_symbols if slot_of.get(s, COMMON) != COMMON} for e in built]
+        for symbol in unknowns:
+            holding = [slots for e, slots in zip(built, where, strict=True) if symbol in e.free_symbols and slots]
+            if symbol not in found and holding:
+                found[symbol] = set.intersection(*holding)
+        for symbol in unknowns:
+            if symbol not in found:
+                others = [found[s] for e in built if symbol in e.free_symbols for s in e.free_symbols if found.get(s)]
+                found[symbol] = set().union(*others)
+        return {symbol: tuple(sorted(places)) for symbol, places in found.items()}
+
     def digest(self, built: Sequence[Expr], extra: str) -> str:
         """Digest of everything that the generated code depends on."""
         parts = [
@@ -141,23 +159,3 @@ def _flatten(name: str, made: Any) -> list[Expr]:
     if expression.has(sp.nan, sp.oo, -sp.oo, sp.zoo):
         raise InputError(f"{name}: an expression holds NaN or infinity; check its numbers and what it divides by")
     return [expression]
-
-
-def unknown_places(
-    built: Sequence[Expr], unknowns: Sequence[Expr], slot_of: dict[Expr, int], local: dict[Expr, int]
-) -> dict[Expr, tuple[int, ...]]:
-    """Correspondences that each unknown belongs to: those of all equations that hold it; () for all of them.
-
-    An equation without measurements (b = x a) belongs where its other unknowns do.
-    """
-    found: dict[Expr, set[int]] = {symbol: {place} for symbol, place in local.items()}
-    where = [{slot_of[s] for s in e.free_symbols if slot_of.get(s, COMMON) != COMMON} for e in built]
-    for symbol in unknowns:
-        holding = [slots for e, slots in zip(built, where, strict=True) if symbol in e.free_symbols and slots]
-        if symbol not in found and holding:
-            found[symbol] = set.intersection(*holding)
-    for symbol in unknowns:
-        if symbol not in found:
-            others = [found[s] for e in built if symbol in e.free_symbols for s in e.free_symbols if found.get(s)]
-            found[symbol] = set().union(*others)
-    return {symbol: tuple(sorted(places)) for symbol, places in found.items()}

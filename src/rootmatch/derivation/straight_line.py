@@ -12,11 +12,10 @@ from sympy.simplify.cse_opts import sub_post, sub_pre
 
 from rootmatch.derivation.leaves import Expr
 from rootmatch.errors import InputError
+from rootmatch.problems.derived.store import FUNCTIONS
 
 WIDTH = 118
 """Width of a generated line, in characters."""
-FUNCTIONS = ("sqrt", "sin", "cos", "tan", "exp", "log")
-"""What a generated function may call."""
 
 
 class Program:

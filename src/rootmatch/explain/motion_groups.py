@@ -139,7 +139,7 @@ def _group_fit(task: MatchingTask) -> GroupFit | None:
     image, noise = task.image
     sigma = float(np.median(noise))
     area = max(float(np.prod(np.ptp(image, axis=0))), 1e-300) / CROWDING
-    return GroupFit(groups.chi2, groups.grown, groups.extended, min(2.0 * math.pi * sigma**2 / area, 1.0))
+    return GroupFit(groups, min(2.0 * math.pi * sigma**2 / area, 1.0))
 
 
 def distinct_hyperedges(tensor: AffinityTensor) -> AffinityTensor:

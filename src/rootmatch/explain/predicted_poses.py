@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rootmatch.algebra.rotation import one_rotation_matrix
+from rootmatch.algebra.rotation import angle_count, one_rotation_matrix
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.explain.finding import Finding
@@ -23,11 +23,10 @@ from rootmatch.model.pose_density import Broad, Doubted, Gaussian
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
-from rootmatch.problems.pose_fit.either_axes import covariance_in_either_axes
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import nearest_covariance
-from rootmatch.problems.pose_fit.pose_prior import PosePrior, angle_count, turn_vectors
-from rootmatch.problems.pose_fit.reference_point import add_arc_curvature, pose_about_point
+from rootmatch.problems.pose_fit.pose_prior import PosePrior, turn_vectors
+from rootmatch.problems.pose_fit.reference_point import add_arc_curvature, covariance_in_either_axes, pose_about_point
 from rootmatch.problems.pose_fit.rig_fit import rig_pose
 from rootmatch.problems.pose_fit.shared_errors import (
     SharedPose,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,7 +18,8 @@ from rootmatch.model.modes import Modes
 from rootmatch.model.proposals import Proposals, empty_proposals, join_proposals, look_alikes, refit_proposals
 from rootmatch.model.zoom_model import ZoomModel, decode_zoom
 from rootmatch.problems.base import Problem
-from rootmatch.problems.pose_fit.zoom_pose import ZoomFits, zoom_fits, zoom_starts
+from rootmatch.problems.pose_fit.descent import ROUGH_STEPS
+from rootmatch.problems.pose_fit.zoom_pose import zoom_fits
 from rootmatch.problems.up2pf import UP2PF
 
 VALLEYS = 4
@@ -56,11 +57,11 @@ class ZoomCandidate(Candidate):
 
     def poses_of(self, rows: Integers) -> Proposals:
         """See `Candidate.poses_of`: of whole hyper-edges, as three matches have hardly fewer poses than a body."""
-        return self._pose_fits(zoom_starts, rows, 1)
+        return self._pose_fits(rows, 0, 1)
 
     def proposals(self, assignments: Sequence[Integers]) -> Proposals:
         """See `Candidate.proposals`: the lowest fits of each."""
-        return self._pose_fits(zoom_fits, select_determined(self.task, assignments), VALLEYS)
+        return self._pose_fits(select_determined(self.task, assignments), ROUGH_STEPS, VALLEYS)
 
     def fitted(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
         """See `Candidate.fitted`: each at several poses."""
@@ -83,14 +84,14 @@ class ZoomCandidate(Candidate):
             parts.append(every._replace(rotation=own))
         return join_proposals(parts)
 
-    def _pose_fits(self, fit: Callable[..., ZoomFits], rows: Integers, most: int) -> Proposals:
-        """Assignments (K, n) with their lowest fits, as many as ``most``, of those that there are."""
+    def _pose_fits(self, rows: Integers, steps: int, most: int) -> Proposals:
+        """Assignments (K, n) with their lowest fits after some steps, as many as ``most``, of those that there are."""
         problem = self.task.problem
         assert isinstance(problem, UP2PF)
         if not len(rows):
             return empty_proposals(self.task.rows)
         centre, usual = np.array(problem.centre), self.model.camera.focal
-        fits = fit(self.task.points, centre, problem.upright, rows, usual=usual, most=most)
+        fits = zoom_fits(self.task.points, centre, problem.upright, rows, steps, usual=usual, most=most)
         of, which = np.nonzero(np.isfinite(fits.chi2))
         rotation = self.model.encode_focal(fits.rotation[of, which], fits.log_focal[of, which])
         return Proposals(rows[of], rotation, fits.position[of, which])

@@ -101,32 +101,28 @@ def scatter(indices, weights, x, first, last, tables):  # type: ignore[no-untype
                 product *= x[a]
 
 
-def find_inside(indices: NDArray[np.int32], chosen: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Hyper-edges all of whose correspondences are chosen, (A, n n') for A assignments.
-
-    Returns the numbers of assignments and of hyper-edges, assignment by assignment.
-    """
-    count = min(len(chosen) * len(indices), USUALLY_INSIDE)
+def find_inside(indices: NDArray[np.int32], chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Numbers of the hyper-edges all of whose correspondences are chosen, (n n',)."""
+    count = min(len(indices), USUALLY_INSIDE)
     while True:
-        which, edges = np.empty(count, np.int64), np.empty(count, np.int64)
-        count = int(_find_inside(indices, chosen, which, edges))
+        edges = np.empty(count, np.int64)
+        count = int(_find_inside(indices, chosen, edges))
         if count <= edges.size:
-            return which[:count], edges[:count]
+            return edges[:count]
 
 
 @driver(nogil=True)
-def _find_inside(indices, chosen, which, edges):  # type: ignore[no-untyped-def]
-    """Fill in what is inside as far as the arrays reach, and count all of it."""
+def _find_inside(indices, chosen, edges):  # type: ignore[no-untyped-def]
+    """Fill in what is inside as far as the array reaches, and count all of it."""
     count = 0
-    for s in range(chosen.shape[0]):
-        for e in range(indices.shape[0]):
-            p = 0
-            while p < indices.shape[1] and chosen[s, indices[e, p]]:
-                p += 1
-            if p == indices.shape[1]:
-                if count < edges.size:
-                    which[count], edges[count] = s, e
-                count += 1
+    for e in range(indices.shape[0]):
+        p = 0
+        while p < indices.shape[1] and chosen[indices[e, p]]:
+            p += 1
+        if p == indices.shape[1]:
+            if count < edges.size:
+                edges[count] = e
+            count += 1
     return count
 
 

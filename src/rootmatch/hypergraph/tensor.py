@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError, quote_value
 from rootmatch.hypergraph import contraction
-from rootmatch.hypergraph.assignment import check_assignment
+from rootmatch.hypergraph.assignment import check_assignment, one_hot
 from rootmatch.hypergraph.layouts import Layout, to_row_major
 from rootmatch.hypergraph.rows import are_one_to_one, sorted_rows, unique_rows
 
@@ -157,23 +157,19 @@ class AffinityTensor:
     def score(self, assignment: ArrayLike) -> float:
         """Objective of an assignment (n,): the target of each source point, each once at most; −1 where unmatched."""
         chosen = self._indicator(assignment)
-        _, edges = contraction.find_inside(self.indices, chosen.reshape(1, -1))
+        edges = contraction.find_inside(self.indices, chosen.ravel())
         score = float(self.weights[edges].sum())
         return score if self.unary is None else score + float(self.unary[chosen].sum())
 
     def inside(self, assignment: ArrayLike) -> AffinityTensor:
         """The hyper-edges inside an assignment, which make up its score, as a small tensor."""
         chosen = self._indicator(assignment)
-        _, edges = contraction.find_inside(self.indices, chosen.reshape(1, -1))
+        edges = contraction.find_inside(self.indices, chosen.ravel())
         unary = None if self.unary is None else np.where(chosen, self.unary, 0.0)
         return AffinityTensor.unchecked(self.indices[edges], self.weights[edges], self.shape, unary)
 
     def _indicator(self, assignment: ArrayLike) -> NDArray[np.bool_]:
-        given = check_assignment(assignment, self.shape)
-        chosen = np.zeros(self.shape, np.bool_)
-        matched = np.flatnonzero(given >= 0)
-        chosen[matched, given[matched]] = True
-        return chosen
+        return one_hot(check_assignment(assignment, self.shape), self.shape[1]) > 0.0
 
     def support(self) -> NDArray[np.float64]:
         """Weights of the other hyper-edges that share d−1 correspondences with each, summed, (E,).

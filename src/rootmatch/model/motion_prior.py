@@ -23,13 +23,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rootmatch.algebra.rotation import turn_jacobian
+from rootmatch.algebra.rotation import angle_count, turn_jacobian
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.pose_density import ROTATIONS
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, squared_deviations
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, angle_count, kalman_update, turn_vectors
+from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, kalman_update, turn_vectors
 from rootmatch.problems.pose_fit.shared_errors import EXACT, SharedErrors, SharedPose, copy_shared_errors
 
 DIRECTIONS = 4.0 * math.pi

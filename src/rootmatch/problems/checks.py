@@ -74,10 +74,8 @@ def find_repeated(points: Floats) -> tuple[int, int] | None:
     return first, second
 
 
-def check_normals(normals: ArrayLike | None, count: int) -> Floats:
-    """Checked normals (count, 3); zeros if none are given."""
-    if normals is None:
-        return np.zeros((count, 3))
+def check_normals(normals: ArrayLike, count: int) -> Floats:
+    """Checked normals (count, 3)."""
     array = as_floats(normals, "normals", f"shape ({count}, 3)")
     if array.shape != (count, 3):
         raise InputError(f"normals: shape {array.shape} given, ({count}, 3) expected, one for each source point")

@@ -118,6 +118,10 @@ class ProblemKernels:
 
 
 def kernel_record(tables: Any) -> ProblemKernels:
-    """The record of some tables, of their class, or of their Numba type."""
-    record: ProblemKernels = tuple_class(tables).kernels()
+    """The record of some tables, or of their Numba type.
+
+    A class that serves several problems has ``kernels_of(tables)`` in the place of ``kernels()``.
+    """
+    made = tuple_class(tables)
+    record: ProblemKernels = made.kernels_of(tables) if hasattr(made, "kernels_of") else made.kernels()
     return record

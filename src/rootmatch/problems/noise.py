@@ -6,13 +6,14 @@ of a model which was measured itself adds to that of its image.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats, as_floats, cache_by_values
+from rootmatch.arrays import Bools, Floats, Integers, as_floats, cache_by_values
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.calibration_errors import calibration_noise
 from rootmatch.cameras.rig import Rig
@@ -176,17 +177,10 @@ def add_model_noise(points: PointSets, camera: CameraModel) -> PointSets:
     if points.source_covariance is None:
         return points
     own, total = points.detection_noise, points.detection_noise.copy()
-    parts: list[tuple[CameraModel, Bools]] = [(camera, np.ones(len(own), np.bool_))]
-    if isinstance(camera, Rig):
-        parts = [(one, points.target[:, 2] == k) for k, one in enumerate(camera.cameras)]
     far = FARTHER * _shown_size(points.source)
     relative = float(np.sqrt((mean_deviation(points.source_covariance) ** 2).mean())) / far
-    for one, rows in parts:
-        target, sigma = points.target[rows], own[rows]
-        if not len(target):
-            continue
-        seen, spread, per_pixel = _detection_spread(one, np.ascontiguousarray(target[:, : one.dimension]))
-        total[np.flatnonzero(rows)[seen]] = np.hypot(sigma[seen], relative * spread / per_pixel)
+    for rows, (seen, spread, per_pixel) in _spread_by_camera(camera, points.target):
+        total[rows[seen]] = np.hypot(own[rows[seen]], relative * spread / per_pixel)
     return replace(points, target_noise=total, noise_alone=own)
 
 
@@ -197,11 +191,8 @@ def add_calibration_noise(points: PointSets, camera: CameraModel, axes: Floats) 
     The body is as far as it would spread like the detections, as `add_model_noise` takes it to be, or as the cameras of
     a rig are apart if that is farther: whatever leaves more. ``axes`` (a, 3): about which it may turn.
     """
-    size, views, apart = _shown_size(points.source), [(camera, points.target)], 0.0
-    if isinstance(camera, Rig):
-        of_camera = [points.target[points.target[:, 2] == k, :2] for k in range(len(camera.views))]
-        views, apart = list(zip(camera.cameras, of_camera, strict=True)), _shown_size(camera.centres)
-    spread = max(_detection_spread(one, np.ascontiguousarray(own))[1] for one, own in views if len(own))
+    size, apart = _shown_size(points.source), _shown_size(camera.centres) if isinstance(camera, Rig) else 0.0
+    spread = max(spread for _, (_, spread, _) in _spread_by_camera(camera, points.target))
     least = size / spread if spread > 0.0 else size
     distances = sorted({max(distance, apart) for distance in (least, FARTHER * least)})
     more = calibration_noise(camera, points.target, size, distances, axes)
@@ -223,6 +214,16 @@ def _shown_size(source: Floats) -> float:
     """Size of a body in an image at unit distance, as two of three coordinates show it."""
     centred = source - source.mean(axis=0)
     return float(np.sqrt(2.0 / 3.0 * (centred**2).sum(axis=1).mean()))
+
+
+def _spread_by_camera(camera: CameraModel, target: Floats) -> Iterator[tuple[Integers, tuple[Bools, float, Floats]]]:
+    """The detections of each camera that has any, with their `_detection_spread`."""
+    every = camera.cameras if isinstance(camera, Rig) else [camera]
+    of = target[:, 2] if isinstance(camera, Rig) else np.zeros(len(target))
+    for k, one in enumerate(every):
+        rows = np.flatnonzero(of == k)
+        if len(rows):
+            yield rows, _detection_spread(one, np.ascontiguousarray(target[rows, : one.dimension]))
 
 
 @cache_by_values(32)

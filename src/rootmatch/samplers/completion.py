@@ -63,7 +63,7 @@ class Completion:
         """Whether completion is possible, affordable, and cheaper than an exhaustive sweep."""
         count = completion_count(task.shape, task.order)
         return (
-            can_complete(type(task.tables))
+            can_complete(task.tables)
             and count <= MOST_PREDICTED
             and COST * count <= enumeration.exhaustive_count(*task.shape, task.order)
         )
@@ -77,7 +77,7 @@ class Completion:
             If the problem's minimal sets predict no points.
         """
         tables, shape, order = task.tables, task.shape, task.order
-        Capability.COMPLETION.require(can_complete(type(tables)), task.problem)
+        Capability.COMPLETION.require(can_complete(tables), task.problem)
         listed = math.comb(shape[0], order)
         if listed > MOST_LISTED:
             raise InputError(

@@ -16,15 +16,15 @@ from rootmatch.problems.padding import pad_tables
 
 
 def completion_kernels(tables: Any) -> CompletionKernels:
-    """The kernels of some tables, of their class or of their Numba type, which must have them."""
+    """The kernels of some tables, or of their Numba type, which must have them."""
     kernels = kernel_record(tables).completion
     if kernels is None:
         raise TypeError(f"{tables}: no kernels for completion; ask can_complete() first")
     return kernels
 
 
-def can_complete(tables: type) -> bool:
-    """Whether a type of tables has the kernels for the completion of minimal sets."""
+def can_complete(tables: Any) -> bool:
+    """Whether some tables have the kernels for the completion of minimal sets."""
     return kernel_record(tables).completion is not None
 
 

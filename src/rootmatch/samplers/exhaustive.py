@@ -62,8 +62,7 @@ def exhaustive_residuals(
     """
     work = Enumeration.of(tables, kind, shape, order, candidates)
     found = backend.strongest(work, 0, work.ranks, gate, max_hyperedges, progress=progress, deadline=deadline)
-    indices = cpu.decode(found.codes, work.bases, work.arrangements, shape[1], shape[0])
-    return indices, found.residuals, found.evaluated
+    return cpu.decode(work, found.codes), found.residuals, found.evaluated
 
 
 def exhaustive_tensor(

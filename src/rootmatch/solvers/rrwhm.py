@@ -112,7 +112,7 @@ class ReweightedWalk(Options):
     def run_walk_in_steps(
         self, tensor: AffinityTensor, x: Floats, deadline: Deadline = NEVER
     ) -> tuple[Floats, int, float]:
-        """As `walked`, from x (n, n'); it ends between two steps at the deadline or an interrupt."""
+        """As `run_walk`, from x (n, n'); it ends between two steps at the deadline or an interrupt."""
         change, done = np.inf, 0
         while done < self.iterations and change >= self.tolerance and (done == 0 or not deadline.passed()):
             moved = self.walk_step(tensor.contract(x).ravel(), x)

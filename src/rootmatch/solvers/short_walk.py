@@ -51,7 +51,7 @@ def walk(  # type: ignore[no-untyped-def]
     indices, weights, unary, iterations, tolerance, share, inflation, steps, balanced_to, with_slack,
     n_target, x, tables, w, y, row, column,
 ):  # fmt: skip
-    """Walk from x (n n',), in place, as `ReweightedWalk.walked`: the number of steps, and the last squared change.
+    """Walk from x (n n',), in place, as `ReweightedWalk.run_walk`: the number of steps, and the last squared change.
 
     From ``tables`` (2, n n'), w (n n',) and y on all arrays are scratch, made outside, as each array made in jitted
     code costs compile time: y has the smaller set's lines as ``row``, and ``column`` is of the larger one.

@@ -94,7 +94,7 @@ def bend_step(P, step, along, out):  # type: ignore[no-untyped-def]
     """A predicted covariance as it is where a step (p,) takes the body, into ``out``, and the step ``along`` its arc.
 
     What its points leave open may stay as it is in the body's frame, or in the camera's: it is in either, see
-    `rootmatch.problems.pose_fit.either_axes`.
+    `rootmatch.problems.pose_fit.reference_point.covariance_in_either_axes`.
     """
     rows, size = P.shape[0], step.shape[0]
     for i in range(rows):

@@ -7,7 +7,7 @@ import math
 from rootmatch.algebra.elimination import factorise, solve_lower
 from rootmatch.jit.decorators import part
 from rootmatch.model.compiled.evidence import invert_scaled
-from rootmatch.problems.pose_fit.either_axes import RIDGE
+from rootmatch.problems.pose_fit.reference_point import RIDGE
 
 NO_TURN = 1e-9
 """Sine of the angle of a rotation below which it is none, or a half turn."""
@@ -108,7 +108,7 @@ def turn_covariance(covariance, turn, size, out):  # type: ignore[no-untyped-def
 
 @part
 def combine_axes(covariance, turned, factor, scale, out):  # type: ignore[no-untyped-def]
-    """See `rootmatch.problems.pose_fit.either_axes`: of the covariance (p, p) in both, into ``out``.
+    """See `covariance_in_either_axes`: of the covariance (p, p) in both, into ``out``.
 
     ``turned`` is overwritten; ``factor`` (p, p) and ``scale`` (p,): scratch.
     """

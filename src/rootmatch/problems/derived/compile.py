@@ -10,7 +10,8 @@ from typing import Any
 from rootmatch.algebra import any_degree, bezout
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.derived.residuals_text import Residuals
-from rootmatch.problems.derived.tables import is_registered, register_derived
+from rootmatch.problems.derived.tables import REGISTERED
+from rootmatch.problems.kernels import ProblemKernels, ResidualKernels
 from rootmatch.problems.limits import UNINFORMATIVE
 from rootmatch.problems.pairs import pair_orders
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
@@ -31,30 +32,14 @@ def scaling_power(size):  # type: ignore[no-untyped-def]
     return math.ldexp(1.0, -math.frexp(size)[1])
 
 
-def compile_residuals(
-    residuals: Residuals, formulas: dict[str, Callable[..., Any]], interpreted: bool = False
-) -> dict[type, tuple[Any, Any]]:
-    """Edge and slab kernels of each kind, from the formulas of a generated module.
-
-    Parameters
-    ----------
-    residuals : Residuals
-    formulas : dict
-        Plain Python functions.
-    interpreted : bool
-        As plain Python too: slow, for tests of the composition itself.
-    """
+def compile_residuals(residuals: Residuals, formulas: dict[str, Callable[..., Any]]) -> dict[type, ResidualKernels]:
+    """Kernels of each kind, from the formulas of a generated module, which are plain Python functions."""
     text = residuals.text
     degree = residuals.shape.degree
-
-    def plain(function: Any) -> Any:
-        return function
-
-    decorators = {"kernel": plain, "scalar": plain} if interpreted else {"kernel": kernel, "scalar": scalar}
-    wrap = plain if interpreted else scalar
     namespace: dict[str, Any] = {
-        **decorators,
-        **{name: wrap(function) for name, function in formulas.items() if not name.startswith("leaf_")},
+        "kernel": kernel,
+        "scalar": scalar,
+        **{name: scalar(function) for name, function in formulas.items() if not name.startswith("leaf_")},
         "find_roots": any_degree.make_root_kernel(degree),
         "compare_qr": bezout.make_last_entry_kernel(degree),
         "compare_both": bezout.make_lesser_entry_kernel(degree),
@@ -71,7 +56,7 @@ def compile_residuals(
         "__name__": __name__,
     }
     exec(compile(text, "<composed residuals>", "exec"), namespace)
-    return {kind: (namespace[f"edge_{name}"], namespace[f"slab_{name}"]) for name, kind in NAMED_KINDS.items()}
+    return {kind: ResidualKernels(namespace[f"edge_{n}"], namespace[f"slab_{n}"]) for n, kind in NAMED_KINDS.items()}
 
 
 def tag_name(residuals: Residuals, generated: str, version: str) -> str:
@@ -83,7 +68,5 @@ def tag_name(residuals: Residuals, generated: str, version: str) -> str:
 
 def register_residuals(residuals: Residuals, formulas: dict[str, Callable[..., Any]], name: str) -> None:
     """Register the kernels under a tag, once in a process."""
-    if is_registered(name):
-        return
-    for kind, (edge, slab) in compile_residuals(residuals, formulas).items():
-        register_derived(name, kind, edge, slab)
+    if name not in REGISTERED:
+        REGISTERED[name] = ProblemKernels(compile_residuals(residuals, formulas))

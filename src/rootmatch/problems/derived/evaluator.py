@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,44 +52,28 @@ class Evaluator:
 
     def table(self, kind: str, coordinates: Floats) -> Floats:
         """All quantities of a class, (count, n) or (count, n, n), of coordinates (n, c)."""
-        count = self.plan["leaves"][kind]
-        n = len(coordinates)
-        pair = len(kind) == 2
+        points = len(kind)
         if not self.used(kind):
-            return np.zeros((0, 1, 1) if pair else (0, 1))
-        out = np.zeros((count, n, n) if pair else (count, n))
-        if not pair:
-            for k in self.used(kind):
-                out[k] = self.leaf(kind, k, coordinates)
-            return out
-        for rows in _pieces(n):
-            points = coordinates[rows, None], coordinates[None, :]
+            return np.zeros((0, *(1,) * points))
+        out = np.zeros((self.plan["leaves"][kind], *(len(coordinates),) * points))
+        for rows, some in _pieces(kind, coordinates):
             for k in self.used(kind):
                 checkpoint()
-                out[k, rows] = self.leaf(kind, k, *points)
+                out[k, rows] = self.leaf(kind, k, *some)
         return out
 
     def noise_table(self, kind: str, coordinates: Floats, spread: Floats) -> Floats:
         """Their derivatives in unit noise; see `rootmatch.problems.derived.tables.DerivedTables` for the layout."""
-        count, axes = self.plan["leaves"][kind], spread.shape[-1]
-        n = len(coordinates)
-        pair = len(kind) == 2
+        count, points, axes = self.plan["leaves"][kind], len(kind), spread.shape[-1]
         if not self.used(kind) or not axes:
-            return np.zeros((0, 1, 1) if pair else (0, 1))
-        if not pair:
-            out = np.zeros((count, axes, n))
-            for k in self.used(kind):
-                out[k] = self.leaf_noise(kind, k, [coordinates], [spread])[0].T
-            return out.reshape(count * axes, n)
-        out = np.zeros((count, 2, axes, n, n))
-        for rows in _pieces(n):
-            points = [coordinates[rows, None], coordinates[None, :]]
-            spreads = [spread[rows, None], spread[None, :]]
+            return np.zeros((0, *(1,) * points))
+        out = np.zeros((count, points, axes, *(len(coordinates),) * points))
+        for (rows, some), (_, spreads) in zip(_pieces(kind, coordinates), _pieces(kind, spread), strict=True):
             for k in self.used(kind):
                 checkpoint()
-                for end, part in enumerate(self.leaf_noise(kind, k, points, spreads)):
+                for end, part in enumerate(self.leaf_noise(kind, k, some, spreads)):
                     out[k, end, :, rows] = np.moveaxis(part, -1, 0)
-        return out.reshape(count * 2 * axes, n, n)
+        return out.reshape(count * points * axes, *out.shape[3:])
 
     def arguments(self, source: Floats, target: Floats) -> list[Floats]:
         """Arguments of the formulas for minimal sets of points (E, m, dimension)."""
@@ -132,7 +116,12 @@ class Evaluator:
         return value, slope, out
 
 
-def _pieces(n: int) -> list[slice]:
-    """Rows of a table of n × n pairs that are computed together, at least one."""
-    size = max(CELLS // max(n, 1), 1)
-    return [slice(first, first + size) for first in range(0, n, size)]
+def _pieces(kind: str, values: Floats) -> Iterator[tuple[slice, list[Floats]]]:
+    """Rows of a table of points or pairs that are computed together, at least one, and the values (n, …) of each."""
+    if len(kind) == 1:
+        yield slice(None), [values]
+        return
+    size = max(CELLS // max(len(values), 1), 1)
+    for first in range(0, len(values), size):
+        rows = slice(first, first + size)
+        yield rows, [values[rows, None], values[None, :]]

@@ -149,17 +149,12 @@ class Bearings(Measurement, UnitRays):
         return 3 if self.camera is None else self.camera.dimension
 
     @property
-    def rotation(self) -> Floats:
-        """`turn` as an array (3, 3)."""
-        return np.eye(3) if self.turn is None else np.asarray(self.turn, dtype=float)
-
-    @property
     def _model(self) -> CameraModel:
         return UnitRays() if self.camera is None else self.camera
 
     def measure(self, points: ArrayLike) -> Floats:
         """Unit rays (…, 3) in the rotated camera frame."""
-        rays: Floats = self._model.bearings(points) @ self.rotation.T
+        rays: Floats = self._model.bearings(points) @ _as_matrix(self.turn).T
         return rays
 
     def spread(self, points: ArrayLike, sigma: Floats) -> Floats:
@@ -170,7 +165,7 @@ class Bearings(Measurement, UnitRays):
         # the ray is v / |v|: what v moves, less the part along the ray, times 1 / |v|
         along = np.einsum("nc,ncd->nd", rays, axes)
         across = (axes - rays[:, :, None] * along[:, None, :]) * (sigma / size)[:, None, None]
-        turned: Floats = np.einsum("ab,nbd->nad", self.rotation, across)
+        turned: Floats = np.einsum("ab,nbd->nad", _as_matrix(self.turn), across)
         return turned
 
     def sample(self, rng: np.random.Generator, count: int) -> Floats:
@@ -209,29 +204,28 @@ class Uncalibrated(Measurement):
         """A pixel has two coordinates."""
         return 2
 
-    @property
-    def rotation(self) -> Floats:
-        """`turn` as an array (3, 3)."""
-        return np.eye(3) if self.turn is None else np.asarray(self.turn, dtype=float)
-
     def measure(self, points: ArrayLike) -> Floats:
         """Coordinates (…, 6)."""
         across = (np.asarray(points, dtype=float) - np.asarray(self.centre, dtype=float)) / self.unit
         out = np.empty((*across.shape[:-1], 6))
-        out[..., :3] = across @ self.rotation[:, :2].T
-        out[..., 3:] = self.rotation[:, 2]
+        out[..., :3] = across @ _as_matrix(self.turn)[:, :2].T
+        out[..., 3:] = _as_matrix(self.turn)[:, 2]
         return out
 
     def spread(self, points: ArrayLike, sigma: Floats) -> Floats:
         """The image moves w alone."""
         out = np.zeros((len(sigma), 6, 2))
-        out[:, :3] = (sigma / self.unit)[:, None, None] * self.rotation[:, :2]
+        out[:, :3] = (sigma / self.unit)[:, None, None] * _as_matrix(self.turn)[:, :2]
         return out
 
     def sample(self, rng: np.random.Generator, count: int) -> Floats:
         """Pixels within half a unit of the centre."""
         pixels: Floats = np.asarray(self.centre, dtype=float) + rng.uniform(-0.5, 0.5, (count, 2)) * self.unit
         return pixels
+
+
+def _as_matrix(turn: tuple[tuple[float, ...], ...] | None) -> Floats:
+    return np.eye(3) if turn is None else np.asarray(turn, dtype=float)
 
 
 def as_nested_tuples(matrix: Floats) -> tuple[tuple[float, ...], ...]:

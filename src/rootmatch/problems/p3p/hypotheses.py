@@ -52,10 +52,7 @@ def coordinates(t, sets, others):  # type: ignore[no-untyped-def]
 @part
 def solve(t, i, j, scratch):  # type: ignore[no-untyped-def]
     """Depth ratios x = b/a and y = c/a at the four roots for every third image."""
-    s = t.distance2
-    h = t.versine
-    A, B, C = s[i[0], i[1]], s[i[1], i[2]], s[i[0], i[2]]
-    solve_all(A, B, C, h[j[0], j[1]], h[j[1]], h[j[0]], scratch)
+    solve_all(t, i, j, scratch)
 
 
 @scalar

@@ -83,6 +83,4 @@ def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
 @kernel
 def fill_panel(t, kind, i, j, panel):  # type: ignore[no-untyped-def]
     """Panel kernel of `Joint`: the roots for every third image."""
-    s = t.distance2
-    h = t.versine
-    solve_all(s[i[0], i[1]], s[i[1], i[2]], s[i[0], i[2]], h[j[0], j[1]], h[j[1]], h[j[0]], panel)
+    solve_all(t, i, j, panel)

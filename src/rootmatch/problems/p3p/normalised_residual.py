@@ -127,12 +127,10 @@ def fill_panel(t, kind, i, j, panel):  # type: ignore[no-untyped-def]
 
     Rows 8 to 12: weights of g_da², g_bd², g_da g_bd, g_ab g_da and g_ab g_bd.
     """
-    s = t.distance2
+    solve_all(t, i, j, panel)
     h = t.versine
-    hab = h[j[0], j[1]]
+    hab, hbd, hda = h[j[0], j[1]], h[j[1]], h[j[0]]
     va, vb, v = t.variance[j[0]], t.variance[j[1]], t.variance
-    hbd, hda = h[j[1]], h[j[0]]
-    solve_all(s[i[0], i[1]], s[i[1], i[2]], s[i[0], i[2]], hab, hbd, hda, panel)
     for n in range(panel.shape[1]):
         apart = min(hbd[n], hda[n]) > COINCIDENT
         panel[8, n] = (va + v[n]) * hda[n] * (2.0 - hda[n]) if apart else nan

@@ -177,7 +177,7 @@ def store_prediction(predicted, rows, k):  # type: ignore[no-untyped-def]
 
 @scalar
 def load_prediction(rows, k):  # type: ignore[no-untyped-def]
-    """The prediction that `stored` wrote."""
+    """The prediction that `store_prediction` wrote."""
     return (
         (rows[0, k], rows[1, k], rows[2, k]), (rows[3, k], rows[4, k], rows[5, k]),
         (rows[6, k], rows[7, k], rows[8, k]), (rows[9, k], rows[10, k], rows[11, k]),

@@ -66,8 +66,11 @@ def ratio_pairs(A, B, C, hab, hbc, hca):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def solve_all(A, B, C, hab, hbc, hca, panel):  # type: ignore[no-untyped-def]
+def solve_all(t, i, j, panel):  # type: ignore[no-untyped-def]
     """`ratio_pairs` of a triple of source points with every image of the third, into rows 0 to 7 of the panel."""
+    s, h = t.distance2, t.versine
+    A, B, C = s[i[0], i[1]], s[i[1], i[2]], s[i[0], i[2]]
+    hab, hbc, hca = h[j[0], j[1]], h[j[1]], h[j[0]]
     for k in range(panel.shape[1]):
         (
             panel[0, k], panel[1, k], panel[2, k], panel[3, k], panel[4, k], panel[5, k], panel[6, k], panel[7, k],

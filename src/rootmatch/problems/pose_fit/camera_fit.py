@@ -92,7 +92,8 @@ def camera_poses(
     if upright is not None:
         axes = upright.camera[1:2] if upright.noise == 0.0 else upright.camera[[1, 0, 2]]
     noisy = upright if upright is not None and upright.noise > 0.0 else None
-    gaussian = None if prior is None else Prior.of(prior, centre, unit, start)
+    start = prior if start is None else start
+    gaussian = None if prior is None or start is None else Prior.of(prior, centre, unit, start)
 
     model = ProjectionModel(places, image, weight, camera, axes, upright=noisy, prior=gaussian)
     count = len(places)
@@ -100,16 +101,14 @@ def camera_poses(
     if start is not None:
         R, place = start.R if upright is None else upright.nearest(start.R), (start.t + start.R @ centre) / unit
         starts = np.tile(R, (count, 1, 1, 1)), np.tile(place, (count, 1, 1))
-    elif gaussian is None:
+    else:
         starts = starting_poses(places, rays, weight, upright)
         starts = select_best_apart(model.repeated(starts[0].shape[1]), starts)
-    else:
-        starts = np.tile(gaussian.rotation, (count, 1, 1, 1)), np.tile(gaussian.translation, (count, 1, 1))
     times = starts[0].shape[1]
     state, chi2 = descend(model.repeated(times), tuple(_flat(part) for part in starts), ROUGH_STEPS)
     kept = min(KEPT, times)
     state, chi2 = select_lowest(state, chi2, count, kept)
-    if upright is None and prior is None and start is None:
+    if upright is None and start is None:
         best, _ = select_lowest(state, chi2, count)
         other, _ = descend(model, reflect_poses(best, places, weight), ROUGH_STEPS)
         state = tuple(

@@ -6,13 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rootmatch.algebra.rotation import cross_matrix
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
-
-ALONG = 2.0
-"""Noise of a position along the line over that across it, as the rotation's own noise adds to it. Not tuned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,12 +83,3 @@ class Views:
         towards = towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-300)
         second = self.second[k]
         return np.asarray(self.focal * np.arctan2((second * towards).sum(axis=-1), (second * far).sum(axis=-1)))
-
-
-def depth_penalty(views: Views, k: Integers, used: Bools, pose: tuple[Floats, Floats]) -> Floats:
-    """Minus the log probability (B,) that detections k (B, n) lie before both cameras of poses (R, t)."""
-    essential = cross_matrix(pose[1]) @ pose[0]
-    i = np.arange(k.shape[1])
-    along = views.parallax(pose[0], pose[1], i, k)
-    noise = ALONG * views.deviations(essential, i, k)[1]
-    return np.asarray(np.where(used, 0.5 * (np.minimum(along, 0.0) / noise) ** 2, 0.0).sum(axis=1))

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.algebra.rotation import rotation_from_vector, turn_jacobian
+from rootmatch.algebra.rotation import angle_count, rotation_from_vector, turn_jacobian
 from rootmatch.arrays import Floats, Integers
 from rootmatch.frozen import copy_with
 from rootmatch.problems.points import PointClouds
@@ -66,7 +65,7 @@ class MotionModel:
 
     def moved(self, state: State, step: Floats) -> State:
         """See `Model`."""
-        angles = 3 if self.dimension == 3 else 1
+        angles = angle_count(self.dimension)
         if angles == 3:
             turn = rotation_from_vector(step[:, :3])
         else:
@@ -101,25 +100,20 @@ def _whitening(clouds: PointClouds, assignments: Integers, state: State) -> Floa
     return np.asarray((assignments >= 0)[..., None, None] * np.linalg.inv(np.linalg.cholesky(both)))
 
 
-class FullFit(NamedTuple):
-    """Motions of K assignments by the covariances of all pairs."""
+def fit_with_covariances(
+    clouds: PointClouds, assignments: Integers, centre: Floats, state: State
+) -> tuple[State, Floats, Floats, Floats]:
+    """The motion of each assignment (K, n) about a centre (K, k) of the source, from one that is nearly it.
 
-    rotation: Floats
-    """(K, k, k)."""
-    shift: Floats
-    """(K, k), of the centre."""
-    scale: Floats
-    """(K,)."""
-    chi2: Floats
-    """(K,)."""
-    log_white: Floats
-    """(K,) sum of the logarithms of 1 / √|Σ|."""
-    information: Floats
-    """(K, p, p) exact second derivatives of χ²/2 by a turn, a shift of the centre, and the logarithm of the scale."""
-
-
-def fit_with_covariances(clouds: PointClouds, assignments: Integers, centre: Floats, state: State) -> FullFit:
-    """The motion of each assignment (K, n) about a centre (K, k) of the source, from one that is nearly it."""
+    Returns
+    -------
+    state : State
+    chi2 : (K,) array
+    log_white : (K,) array
+        Sum of the logarithms of 1 / √|Σ|.
+    information : (K, p, p) array
+        Exact second derivatives of χ²/2 by a turn, a shift of the centre, and the logarithm of the scale.
+    """
     image = clouds.target[np.where(assignments >= 0, assignments, 0)]
     variance2 = clouds.target_variance[np.where(assignments >= 0, assignments, 0)]
     model = MotionModel(clouds.source - centre[:, None], image, clouds.source_variance, variance2, clouds.scaled)
@@ -132,9 +126,7 @@ def fit_with_covariances(clouds: PointClouds, assignments: Integers, centre: Flo
     information = np.where((least > 0.0)[:, None, None], information, normal)
     diagonal = np.diagonal(model.white, axis1=2, axis2=3)
     log_white = np.log(np.where(diagonal > 0.0, diagonal, 1.0)).sum(axis=(1, 2))
-    scale = np.exp(state[2])
-    chi2 = (residuals**2).sum(axis=1)
-    return FullFit(state[0], state[1], scale, chi2=chi2, log_white=log_white, information=information)
+    return state, (residuals**2).sum(axis=1), log_white, information
 
 
 def _residual_curvature(model: MotionModel, state: State, residuals: Floats) -> Floats:
@@ -145,7 +137,7 @@ def _residual_curvature(model: MotionModel, state: State, residuals: Floats) -> 
     pull = (model.white.swapaxes(2, 3) @ residuals.reshape(*moved.shape, 1))[..., 0]
     outer = pull.swapaxes(1, 2) @ moved
     along = np.trace(outer, axis1=1, axis2=2)
-    angles = 3 if size == 3 else 1
+    angles = angle_count(size)
     whole = np.zeros((len(moved), *(angles + size + model.scaled,) * 2))
     if size == 3:
         whole[:, :3, :3] = 0.5 * (outer + outer.swapaxes(1, 2))

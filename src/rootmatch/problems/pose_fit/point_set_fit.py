@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import turn_jacobian
+from rootmatch.algebra.rotation import angle_count, turn_jacobian
 from rootmatch.arrays import Floats, Integers
 from rootmatch.frozen import copy_with
 from rootmatch.problems.points import PointClouds, pairwise_squared_distances
@@ -70,7 +70,7 @@ class PointSetFit:
         if self.full.shape[1]:
             return self.full
         size = self.shift.shape[1]
-        angles = 3 if size == 3 else 1
+        angles = angle_count(size)
         whole = np.zeros((len(self.scale), *(angles + size + self.clouds.scaled,) * 2))
         if size == 3:
             whole[:, :3, :3] = (self.frame * self.spread[:, None]) @ self.frame.swapaxes(1, 2)
@@ -233,7 +233,7 @@ def fit_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) -> 
             turned, _log_rotation_integral(_curvature(scale[:, None] * values * other)) - worse
         ) - math.log(2.0)
     n_matched = matched.sum(axis=1)
-    freedom = size * (n_matched - 1) - (3 if size == 3 else 1)
+    freedom = size * (n_matched - 1) - angle_count(size)
     norm = 0.5 * size * np.log(np.where(matched, weight / TURN, 1.0)).sum(axis=1)
     evidence = norm + 0.5 * size * np.log(TURN / total) + turned - 0.5 * chi2
     if clouds.scaled:
@@ -273,16 +273,18 @@ def _refine_with_covariances(fit: PointSetFit, centre2: Floats) -> PointSetFit:
     A rotation of a plane is still integrated as if χ² were its cosine.
     """
     size, scaled = fit.shift.shape[1], fit.clouds.scaled
-    angles = 3 if size == 3 else 1
-    found = fit_with_covariances(fit.clouds, fit.assignments, fit.centre, (fit.rotation, centre2, np.log(fit.scale)))
+    angles = angle_count(size)
+    (rotation, shift, log_scale), chi2, log_white, information = fit_with_covariances(
+        fit.clouds, fit.assignments, fit.centre, (fit.rotation, centre2, np.log(fit.scale))
+    )
+    scale = np.exp(log_scale)
     # one after the other: the rotation, given that all else follows it, then the scale, then the shift
-    information, rest = found.information, found.information[:, angles:, angles:]
-    across = information[:, :angles, angles:]
+    rest, across = information[:, angles:, angles:], information[:, :angles, angles:]
     of_turn = information[:, :angles, :angles] - across @ np.linalg.solve(rest, across.swapaxes(1, 2))
     curvature, frame = np.linalg.eigh(of_turn)
     curvature = np.maximum(curvature, 0.0)
     of_shift = rest[:, :size, :size]
-    evidence = found.log_white - 0.5 * size * math.log(TURN) * (fit.assignments >= 0).sum(axis=1) - 0.5 * found.chi2
+    evidence = log_white - 0.5 * size * math.log(TURN) * (fit.assignments >= 0).sum(axis=1) - 0.5 * chi2
     evidence += 0.5 * size * math.log(TURN) - 0.5 * np.linalg.slogdet(of_shift)[1] + _log_rotation_integral(curvature)
     if scaled:
         column = rest[:, :size, size]
@@ -292,8 +294,8 @@ def _refine_with_covariances(fit: PointSetFit, centre2: Floats) -> PointSetFit:
     vague = np.zeros(rest.shape[1] + angles)
     vague[:angles] = 1.0 / TURN
     return copy_with(
-        fit, chi2=found.chi2, evidence=evidence, rotation=found.rotation, scale=found.scale,
-        shift=found.shift - found.scale[:, None] * _rotate_points(found.rotation, fit.centre),
+        fit, chi2=chi2, evidence=evidence, rotation=rotation, scale=scale,
+        shift=shift - scale[:, None] * _rotate_points(rotation, fit.centre),
         spread=own if size == 3 else np.repeat(own, 2, axis=1), frame=frame if size == 3 else fit.frame,
         full=np.asarray(np.linalg.inv(information + np.diag(vague)), np.float64),
     )  # fmt: skip

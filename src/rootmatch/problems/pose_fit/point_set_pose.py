@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.algebra.rotation import turn_jacobian
+from rootmatch.algebra.rotation import angle_count, turn_jacobian
 from rootmatch.arrays import Integers
 from rootmatch.problems.points import PointClouds, PointSets
 from rootmatch.problems.pose_fit.descent import State, descend, state_covariance
@@ -59,11 +59,10 @@ def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mir
     scale, size = float(np.exp(log)), source.shape[1]
     turned = scale * rotation @ centre
     local = state_covariance(model, state)[0]
-    change = np.eye(len(local))
-    angles = slice(0, 3) if size == 3 else slice(0, 1)
-    shifts = slice(angles.stop, angles.stop + size)
+    change, angles = np.eye(len(local)), angle_count(size)
+    shifts = slice(angles, angles + size)
     # t = t' − s R c
-    change[shifts, angles] = -turn_jacobian(turned)
+    change[shifts, :angles] = -turn_jacobian(turned)
     if scaled:
         change[shifts, -1], change[-1, -1] = -turned, scale
     off = model.residuals(state)[0]

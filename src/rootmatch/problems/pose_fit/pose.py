@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.algebra.rotation import turn_jacobian
+from rootmatch.algebra.rotation import angle_count, turn_jacobian
 from rootmatch.arrays import Floats, Integers, as_floats
 from rootmatch.cameras.pinhole import check_rows
 from rootmatch.errors import InputError, quote_value
@@ -212,7 +212,7 @@ class Pose:
         back = self.R.T / self.scale
         covariance = None
         if self.covariance is not None:
-            k, turns = len(self.R), _turns(len(self.R))
+            k, turns = len(self.R), angle_count(len(self.R))
             jacobian = np.eye(len(self.covariance))
             jacobian[:turns, :turns] = (1.0 if self.mirrored else -1.0) * (self.R.T if turns == 3 else 1.0)
             jacobian[turns : turns + k, :turns] = back @ turn_jacobian(self.t)
@@ -246,7 +246,7 @@ class Pose:
         moved = self.scale * self.R @ other.t
         covariance = None
         if self.covariance is not None or other.covariance is not None:
-            k, turns = len(self.R), _turns(len(self.R))
+            k, turns = len(self.R), angle_count(len(self.R))
             size = turns + k + (self._scale_is_estimated or other._scale_is_estimated)
             first, second = np.eye(size), np.eye(size)
             first[turns : turns + k, :turns] = turn_jacobian(moved)
@@ -271,13 +271,13 @@ class Pose:
     def _scale_is_estimated(self) -> bool:
         """Whether the covariance has a row for the scale."""
         k = len(self.R)
-        return self.covariance is not None and self.focal is None and len(self.covariance) > _turns(k) + k
+        return self.covariance is not None and self.focal is None and len(self.covariance) > angle_count(k) + k
 
     def _rigid_covariance(self, size: int) -> Floats:
         """The covariance of rotation, translation and, where there is a row for it, scale; zero where unknown."""
         k, out = len(self.R), np.zeros((size, size))
         if self.covariance is not None:
-            kept = _turns(k) + k + self._scale_is_estimated
+            kept = angle_count(k) + k + self._scale_is_estimated
             out[:kept, :kept] = self.covariance[:kept, :kept]
         return out
 
@@ -339,11 +339,6 @@ class Pose:
         ):  # images have two coordinates
             raise InputError("pose: FRE is defined for a pose fitted to two point sets; use rms, which is in pixels")
         return self.rms
-
-
-def _turns(k: int) -> int:
-    """Number of angles of a rotation in k dimensions."""
-    return 3 if k == 3 else 1
 
 
 _OPTIONAL = {one.name: one.default for one in fields(Pose) if one.default is not MISSING}

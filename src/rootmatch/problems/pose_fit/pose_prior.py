@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.algebra.rotation import cross_matrix, one_rotation_matrix, one_rotation_vector, rotation_vector
+from rootmatch.algebra.rotation import (
+    angle_count,
+    cross_matrix,
+    one_rotation_matrix,
+    one_rotation_vector,
+    rotation_vector,
+)
 from rootmatch.arrays import Floats
 from rootmatch.cameras.vertical import unit_direction, warn_of_degrees
 from rootmatch.errors import InputError
@@ -213,11 +219,6 @@ def kalman_update(prior: Pose, jacobian: Floats, off: Floats, noise: Floats) -> 
     scale = prior.scale * math.exp(float(longer.sum()) / prior.scale)
     one = Pose.unchecked(_turn_matrix(turn) @ prior.R, prior.t + shift, 0.5 * (covariance + covariance.T), scale)
     return SharedPose.of(one, prior.shared.moved(kept)) if isinstance(prior, SharedPose) else one
-
-
-def angle_count(dimension: int) -> int:
-    """Number of angles of a rotation: one in a plane, three in space."""
-    return 3 if dimension == 3 else 1
 
 
 def turn_vectors(rotation: Floats) -> Floats:

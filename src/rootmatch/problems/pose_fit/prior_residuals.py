@@ -31,10 +31,10 @@ class Prior:
     """(6,): errors of that pose, in units of their σ."""
 
     @classmethod
-    def of(cls, pose: Pose, centre: Floats, unit: float, near: Pose | None = None) -> Prior:
+    def of(cls, pose: Pose, centre: Floats, unit: float, near: Pose) -> Prior:
         """The prior for points from which ``centre`` was subtracted and which were divided by ``unit``.
 
-        ``near``: the pose about which it is taken, with axes that turn with the body; that predicted if there is none.
+        ``near``: the pose about which it is taken, with axes that turn with the body.
         """
         if pose.covariance is None or pose.R.shape != (3, 3):
             raise InputError("prior: a pose in space with a covariance (6, 6) is needed; give Pose(R, t, covariance)")
@@ -42,12 +42,10 @@ class Prior:
         change = np.eye(6)
         change[3:, :3] = -cross_matrix(pose.R @ centre)
         place, covariance = pose.t + pose.R @ centre, change @ pose.covariance[:6, :6] @ change.T
-        R, t, off = pose.R, place, np.zeros(6)
-        if near is not None:
-            R, t = near.R, near.t + near.R @ centre
-            vector, turn = one_rotation_vector(R @ pose.R.T), np.kron(np.eye(2), R @ pose.R.T)
-            off = turn @ np.concatenate([vector, arc_motion(vector, t - place)])
-            covariance = turn @ covariance @ turn.T
+        R, t = near.R, near.t + near.R @ centre
+        vector, turn = one_rotation_vector(R @ pose.R.T), np.kron(np.eye(2), R @ pose.R.T)
+        off = turn @ np.concatenate([vector, arc_motion(vector, t - place)])
+        covariance = turn @ covariance @ turn.T
         units = np.repeat([1.0, unit], 3)
         off, covariance = off / units, covariance / np.outer(units, units)
         deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-30))

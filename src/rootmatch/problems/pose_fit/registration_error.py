@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.algebra.rotation import turn_jacobian
+from rootmatch.algebra.rotation import angle_count, turn_jacobian
 from rootmatch.arrays import Floats
 from rootmatch.cameras.pinhole import check_rows
 from rootmatch.errors import InputError
@@ -40,7 +40,7 @@ def registration_error(R: Floats, scale: float, covariance: Floats | None, point
     if not np.all(np.isfinite(x)):
         raise InputError(f"pose: points with NaN or infinity given; give finite numbers (…, {k})")
     turned = x @ R.T
-    turns = 3 if k == 3 else 1
+    turns = angle_count(k)
     jacobian = np.zeros((*x.shape, len(covariance)))
     jacobian[..., :turns] = turn_jacobian(scale * turned)
     jacobian[..., turns : turns + k] = np.eye(k)

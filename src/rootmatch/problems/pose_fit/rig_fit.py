@@ -74,13 +74,12 @@ def rig_pose(
     used, target, sigma = assignment >= 0, points.target, points.target_noise
     weight = np.where(used, 1.0 / sigma[np.maximum(assignment, 0)], 0.0)[None]
     detected = target[np.maximum(assignment, 0)][None]
-    gaussian = None if prior is None else Prior.of(prior, centre, unit, start)
+    start = prior if start is None else start
+    gaussian = None if prior is None or start is None else Prior.of(prior, centre, unit, start)
     model = ProjectionModel(places[None], detected, weight, image, np.eye(3), prior=gaussian)
     first: State
     if start is not None:
         first = start.R[None], ((start.t + start.R @ centre) / unit)[None]
-    elif gaussian is not None:
-        first = gaussian.rotation[None], gaussian.translation[None]
     else:
         first = _starts(image, places, points, assignment)
     if not len(first[0]):  # too few matches in each camera

@@ -25,7 +25,7 @@ from rootmatch.problems.pose_fit.descent import (
     state_covariance,
     sum_of_squares,
 )
-from rootmatch.problems.pose_fit.epipolar_lines import Views, depth_penalty
+from rootmatch.problems.pose_fit.epipolar_lines import Views
 from rootmatch.problems.pose_fit.fitted_pose import make_pose_of_fit
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.starts import DOUBTED
@@ -34,6 +34,8 @@ ANGLES = 240
 """Rotations about the common direction that are tried, 1.5° apart. Not tuned."""
 STARTS = 6
 """The best of them, from which an assignment is fitted. Not tuned."""
+ALONG = 2.0
+"""Noise of a position along an epipolar line over that across it, as the rotation's own noise adds to it. Not tuned."""
 OPEN = 1.0
 """σ in radians beforehand of an angle that the points leave open. By construction: about all of it."""
 
@@ -71,12 +73,9 @@ class _TwoViewModel:
 
     def residuals(self, state: State) -> Floats:
         """See `Model`."""
-        rotation, translation = state
-        essential = cross_matrix(translation) @ rotation
-        deviation, _ = self.views.deviations(essential, np.arange(self.k.shape[1]), self.k)
-        parts = [np.where(self.used, deviation, 0.0)]
+        parts = [np.where(self.used, self._deviations(state)[0], 0.0)]
         if self.views.tilt > 0.0:
-            parts.append(_tilts(rotation) / self.views.tilt)
+            parts.append(_tilts(state[0]) / self.views.tilt)
         return np.concatenate(parts, axis=1)
 
     def jacobian(self, state: State) -> Floats:
@@ -106,13 +105,17 @@ class _TwoViewModel:
 
     def hidden(self, state: State) -> Floats:
         """Minus the log probability (B,) that the points lie before both cameras."""
-        return depth_penalty(self.views, self.k, self.used, (state[0], state[1]))
+        along = self.views.parallax(state[0], state[1], np.arange(self.k.shape[1]), self.k)
+        off = np.minimum(along, 0.0) / (ALONG * self._deviations(state)[1])
+        return np.asarray(np.where(self.used, 0.5 * off**2, 0.0).sum(axis=1))
 
     def widths(self, state: State) -> Floats:
         """Sum (B,) of the logarithms of σ across the epipolar lines: the density of a detection is 1 over that."""
-        essential = cross_matrix(state[1]) @ state[0]
-        width = self.views.deviations(essential, np.arange(self.k.shape[1]), self.k)[1]
-        return np.asarray(np.where(self.used, np.log(width), 0.0).sum(axis=1))
+        return np.asarray(np.where(self.used, np.log(self._deviations(state)[1]), 0.0).sum(axis=1))
+
+    def _deviations(self, state: State) -> tuple[Floats, Floats]:
+        """See `Views.deviations`."""
+        return self.views.deviations(cross_matrix(state[1]) @ state[0], np.arange(self.k.shape[1]), self.k)
 
     def directions(self, translation: Floats) -> tuple[Floats, Floats]:
         """The rotation vector (p, 3) and the change of t (B, p, 3) that belong to each parameter."""

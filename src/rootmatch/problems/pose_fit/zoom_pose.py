@@ -11,14 +11,7 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.camera_fit import pack_matches
-from rootmatch.problems.pose_fit.descent import (
-    ROUGH_STEPS,
-    State,
-    descend,
-    select_lowest,
-    state_covariance,
-    sum_of_squares,
-)
+from rootmatch.problems.pose_fit.descent import State, descend, select_lowest, state_covariance, sum_of_squares
 from rootmatch.problems.pose_fit.fitted_pose import make_pose_of_fit, to_callers_frame
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Upright
@@ -71,26 +64,17 @@ class ZoomFits(NamedTuple):
     """(K, S); infinite where there is none."""
 
 
-def zoom_starts(
-    points: PointSets, centre: Floats, upright: Upright, assignments: Integers, *, usual: float, most: int
-) -> ZoomFits:
-    """Poses of a grid of rotations, with what then follows from linear equations; see `zoom_poses`."""
-    model, _, unit = _make_model(points, centre, upright, assignments, usual)
-    return _fits(*_best_starts(model, upright, most), unit, (len(assignments), most))
-
-
 def zoom_fits(
-    points: PointSets, centre: Floats, upright: Upright, assignments: Integers, *, usual: float, most: int
+    points: PointSets, centre: Floats, upright: Upright, assignments: Integers, steps: int, *, usual: float, most: int
 ) -> ZoomFits:
-    """The ``most`` lowest rough fits of each assignment, of `STARTS` that are made; several may be of one valley."""
+    """The ``most`` lowest fits of each assignment after some steps from each of `STARTS`; several may be of one valley.
+
+    Parameters as of `zoom_poses`. Without steps: of a grid of rotations, with what then follows from linear equations.
+    """
     model, _, unit = _make_model(points, centre, upright, assignments, usual)
-    state, chi2 = descend(model.repeated(STARTS), _best_starts(model, upright, STARTS)[0], ROUGH_STEPS)
-    return _fits(*select_lowest(state, chi2, len(assignments), most), unit, (len(assignments), most))
-
-
-def _fits(state: State, chi2: Floats, unit: float, shape: tuple[int, int]) -> ZoomFits:
-    """The fits (K S, …) of a model, by assignment and in the caller's unit."""
-    rotation, place, log = state
+    fits = descend(model.repeated(STARTS), _best_starts(model, upright), steps)
+    (rotation, place, log), chi2 = select_lowest(*fits, len(assignments), most)
+    shape = len(assignments), most
     return ZoomFits(
         rotation.reshape(*shape, 3, 3), unit * place.reshape(*shape, 3), log.reshape(shape), chi2.reshape(shape)
     )
@@ -125,7 +109,7 @@ def zoom_poses(
     model, middle, unit = _make_model(points, centre, upright, assignments, usual)
     count = len(assignments)
     if start is None:
-        state, chi2 = descend(model.repeated(STARTS), _best_starts(model, upright, STARTS)[0])
+        state, chi2 = descend(model.repeated(STARTS), _best_starts(model, upright))
         state, chi2 = select_lowest(state, chi2, count)
     else:
         assert start.focal is not None
@@ -173,10 +157,10 @@ def _make_model(
     return _ZoomModel(places, image, weight, Camera(1.0, 1.0, 0.0, 0.0), upright.camera[1:2], usual=usual), middle, unit
 
 
-def _best_starts(model: _ZoomModel, upright: Upright, most: int) -> tuple[State, Floats]:
-    """The best starts of each fit, (K most, …), and their χ² (K most,)."""
+def _best_starts(model: _ZoomModel, upright: Upright) -> State:
+    """The best starts of each fit, (K `STARTS`, …)."""
     starts = _starts(model, upright)
-    return select_lowest(starts, sum_of_squares(model.repeated(GRID).residuals(starts)), len(model.points), most)
+    return select_lowest(starts, sum_of_squares(model.repeated(GRID).residuals(starts)), len(model.points), STARTS)[0]
 
 
 def _starts(model: _ZoomModel, upright: Upright) -> State:

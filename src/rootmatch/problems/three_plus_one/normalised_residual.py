@@ -21,7 +21,7 @@ from rootmatch.algebra.polynomial import curvature_quartic, roots_quartic, value
 from rootmatch.algebra.vector import column, combination, cross, dot, rotate_vector_about_y, slope_about_y
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.limits import UNINFORMATIVE, VAGUE2
-from rootmatch.problems.pairs import edge_kernel_of_pairs, slab_kernel_of_edges
+from rootmatch.problems.pairs import edge_kernel_of_pairs, root_kernel, slab_kernel_of_edges
 from rootmatch.problems.three_plus_one.quartic import quartic
 
 ROOT_GATE = 6.0
@@ -245,7 +245,7 @@ def squared_residual(front, back, line, p, dp):  # type: ignore[no-untyped-def]
 
 @kernel
 def residual(tables, i, j, order):  # type: ignore[no-untyped-def]
-    """Square of the residual of one hyper-edge whose correspondences are taken in the given order."""
+    """Square of the residual of one hyper-edge in the given order: its last point against the roots of its first."""
     q, p = tables.source, tables.target
     dq, dp = tables.source_deviation, tables.target_deviation
     i0, i1, i2, i3 = i[order[0]], i[order[1]], i[order[2]], i[order[3]]
@@ -264,15 +264,7 @@ def residual(tables, i, j, order):  # type: ignore[no-untyped-def]
     return least
 
 
-squared = edge_kernel_of_pairs(residual, 3)
-
-
-@kernel
-def edge(tables, kind, i, j):  # type: ignore[no-untyped-def]
-    """Edge kernel: of each pair of triples asked for, the fourth point against the roots of the first triple."""
-    return math.sqrt(squared(tables, kind, i, j))
-
-
+edge = root_kernel(edge_kernel_of_pairs(residual, 3))
 several = slab_kernel_of_edges(edge)
 
 

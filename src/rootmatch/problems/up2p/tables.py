@@ -8,7 +8,7 @@ from rootmatch.arrays import Floats
 from rootmatch.problems.kernels import CompletionKernels, HypothesisKernels, ProblemKernels, ResidualKernels
 from rootmatch.problems.pairs import comparisons
 from rootmatch.problems.residual_kinds import Joint, Normalised
-from rootmatch.problems.up2p import completion, hypotheses, joint_residual, normalised_residual
+from rootmatch.problems.up2p import hypotheses, joint_residual, normalised_residual
 from rootmatch.problems.up2p.resultant_residual import resultant_kernels
 
 KERNELS = ProblemKernels(
@@ -25,7 +25,7 @@ KERNELS = ProblemKernels(
         predict=hypotheses.predictions,
         solutions=2,
     ),
-    completion=CompletionKernels(solutions=2, fields=("points", "normals"), predict=completion.predict),
+    completion=CompletionKernels(solutions=2, fields=("points", "normals"), predict=hypotheses.complete),
     target_fields=("rays", "variance"),
 )
 

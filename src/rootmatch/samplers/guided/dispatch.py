@@ -12,15 +12,15 @@ from rootmatch.problems.kernels import HypothesisKernels, ListedKernels, kernel_
 
 
 def hypothesis_kernels(tables: Any) -> HypothesisKernels:
-    """The kernels of some tables, of their class or of their Numba type, which must have them."""
+    """The kernels of some tables, or of their Numba type, which must have them."""
     kernels = kernel_record(tables).hypotheses
     if kernels is None:
         raise TypeError(f"{tables}: no kernels for a guided search; ask has_hypotheses() first")
     return kernels
 
 
-def has_hypotheses(tables: type) -> bool:
-    """Whether a type of tables has the kernels for a guided search."""
+def has_hypotheses(tables: Any) -> bool:
+    """Whether some tables have the kernels for a guided search."""
     return kernel_record(tables).hypotheses is not None
 
 
@@ -32,8 +32,8 @@ def listed_kernels(tables: Any) -> ListedKernels:
     return kernels
 
 
-def has_listed(tables: type) -> bool:
-    """Whether a type of tables has the kernels for listed image triples."""
+def has_listed(tables: Any) -> bool:
+    """Whether some tables have the kernels for listed image triples."""
     kernels = kernel_record(tables).hypotheses
     return kernels is not None and kernels.listed is not None
 

@@ -59,7 +59,7 @@ def pays(task: SamplingTask) -> bool:
     """Whether a guided search is possible and cheaper than an exhaustive sweep."""
     most = LIMITS.guided if task.motions == 1 else LIMITS.guided_multi_motion
     searched = task.clouds is not None or task.views is not None
-    possible = searched or has_hypotheses(type(task.tables))
+    possible = searched or has_hypotheses(task.tables)
     return searches_focal_lengths(task) or (possible and task.sweep_cost > most)
 
 
@@ -74,7 +74,7 @@ def searches_focal_lengths(task: SamplingTask) -> bool:
 
 def is_quick(task: SamplingTask) -> bool:
     """Whether a search by poses is quicker than a sweep that is cheap itself, and may follow if need be."""
-    by_poses = task.clouds is None and task.views is None and has_hypotheses(type(task.tables))
+    by_poses = task.clouds is None and task.views is None and has_hypotheses(task.tables)
     return task.motions == 1 and by_poses and LIMITS.swept < task.sweep_cost <= LIMITS.guided
 
 
@@ -107,7 +107,7 @@ class Guided(GuidedOptions):
             return sample_two_views(task, self)
         if task.at_focal_lengths is not None and searches_focal_lengths(task):
             return search_focal_lengths(task, task.at_focal_lengths, self)
-        Capability.GUIDED.require(has_hypotheses(type(task.tables)), task.problem)
+        Capability.GUIDED.require(has_hypotheses(task.tables), task.problem)
         by_triples = task_by_triples(task)
         search = self._run_search(task, by_triples or task)
         assignments = search.assignments() if search.single else None

@@ -82,7 +82,7 @@ def ring_sizes(images: Integers) -> list[int]:
 def ranks_triples(task: SamplingTask) -> bool:
     """Whether `VisibleSearch` can search a task."""
     normals = bool(task.tables.normals[:3].any())
-    return task.motions == 1 and normals and has_listed(type(task.tables)) and task.shape[1] <= MOST_DETECTIONS
+    return task.motions == 1 and normals and has_listed(task.tables) and task.shape[1] <= MOST_DETECTIONS
 
 
 def choose_search(task: SamplingTask, options: GuidedOptions, deadline: Deadline) -> Search:
@@ -98,7 +98,7 @@ def choose_search(task: SamplingTask, options: GuidedOptions, deadline: Deadline
             listed = task.shape[1] ** 3 <= SHAPES_PER_SOLVED * options.budget
             return (VisibleSearch if listed and ranks_triples(task) else Search)(task, options, deadline)
         task, normals = replace(task, tables=tables._replace(normals=np.zeros_like(tables.normals))), False
-    if task.motions == 1 and not normals and has_listed(type(tables)) and task.shape[0] >= LEAST:
+    if task.motions == 1 and not normals and has_listed(tables) and task.shape[0] >= LEAST:
         rays, sigma = np.ascontiguousarray(tables.rays.T), np.sqrt(tables.variance)
         if crowding(rays, sigma) < CROWDED:
             return LocalSearch(task, options, deadline)

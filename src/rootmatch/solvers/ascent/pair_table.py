@@ -9,8 +9,6 @@ Memory beside the tensor: 30 bytes a hyper-edge and 12 a pair.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -49,7 +47,7 @@ def place_of_pair(a, b):  # type: ignore[no-untyped-def]
 
 @driver(nogil=True)
 def _fill_pair_table(indices, weights, start, others, held, sums, marginals):  # type: ignore[no-untyped-def]
-    """Counting sort of the pairs of all hyper-edges (E, 3), into the arrays of a `PairTable`.
+    """Counting sort of the pairs of all hyper-edges (E, 3), into the arrays of `pair_table`.
 
     `start` is one longer than there. `start`, `sums` and `marginals` are all 0 at first.
     """
@@ -118,20 +116,12 @@ def pair_ranks(indices, weights, sums, support, best):  # type: ignore[no-untype
     add_own_weights(indices, weights, support, best)
 
 
-class PairTable(NamedTuple):
-    """Pairs of the correspondences of a tensor of order 3."""
-
-    start: NDArray[np.uint32]  # (pairs + 1,) first entry of each pair
-    others: NDArray[np.uint16]  # (3 E,) what completes it, hyper-edges ascending
-    held: Floats  # (3 E,) and the weight
-    sums: Floats  # (pairs,) of the weights
-    marginals: Floats  # (n n',)
-
-
-def pair_table(indices: NDArray[np.int32], weights: Floats, correspondences: int) -> PairTable:
-    """The table of hyper-edges (E, 3)."""
+def pair_table(
+    indices: NDArray[np.int32], weights: Floats, correspondences: int
+) -> tuple[NDArray[np.uint32], NDArray[np.uint16], Floats, Floats, Floats]:
+    """The table of hyper-edges (E, 3): start, others, held, sums and marginals as of a `SubsetIndex`."""
     pairs = pair_total(correspondences)
     start, sums, marginals = np.zeros(pairs + 2, np.uint32), np.zeros(pairs), np.zeros(correspondences)
     others, held = np.empty(indices.size, np.uint16), np.empty(indices.size)
     _fill_pair_table(indices, weights, start, others, held, sums, marginals)
-    return PairTable(start[:-1], others, held, sums, marginals)
+    return start[:-1], others, held, sums, marginals

@@ -26,7 +26,7 @@ class MultiStartAscent(AscentOptions):
        supported hyper-edges of all, and the best one of each correspondence. Each grows, by an ascent with a penalty
        that only a dense group survives, into a core; candidates that share d−1 correspondences with an earlier core are
        skipped. Few at first, then twice as many each time.
-    3. An ascent from each core as soon as it is grown, until the best assignment is settled (`stopping`): `agreement`
+    3. An ascent from each core as soon as it is grown, until the best assignment is settled: `agreement`
        ascents have reached it, its score stands far out, or nothing better has come for long. Then ascents from a few
        candidates outside of everything found.
     4. An ascent from as many of the cores as go together, the best first, and from the best assignment with one core

@@ -9,11 +9,9 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.jit.decorators import driver
 from rootmatch.solvers.ascent.assignment_state import State
 
-Assignments = Integers
-
 
 def next_starts(
-    candidates: NDArray[np.int32], open_: Bools, images: Assignments, n_target: int, *, least: int, count: int
+    candidates: NDArray[np.int32], open_: Bools, images: Integers, n_target: int, *, least: int, count: int
 ) -> Integers:
     """Up to `count` open candidates (rows of flat indices), in order, no two with more than one entry in common.
 
@@ -24,7 +22,7 @@ def next_starts(
     return chosen[: int(_select(candidates, open_, images, n_target, least, chosen))]
 
 
-def lies_within_assignments(candidates: NDArray[np.int32], images: Assignments, n_target: int, least: int) -> Bools:
+def lies_within_assignments(candidates: NDArray[np.int32], images: Integers, n_target: int, least: int) -> Bools:
     """Which candidates have at least `least` correspondences in one of some assignments (B, n)."""
     outside = np.ones(len(candidates), np.bool_)
     _select(candidates, outside, images, n_target, least, np.empty(0, np.int64))
@@ -70,7 +68,7 @@ def _select(candidates, open_, images, n_target, least, chosen):  # type: ignore
     return count
 
 
-def are_cores_covered(cores: Assignments, known: Assignments) -> Bools:
+def are_cores_covered(cores: Integers, known: Integers) -> Bools:
     """Which cores (B, n) lie in one of the known assignments (F, n)."""
     out = np.zeros(len(cores), np.bool_)
     for image in known:
@@ -78,7 +76,7 @@ def are_cores_covered(cores: Assignments, known: Assignments) -> Bools:
     return out
 
 
-def pack_cores(cores: Assignments, n: int, n_target: int) -> Assignments:
+def pack_cores(cores: Integers, n: int, n_target: int) -> Integers:
     """The assignment (n,) of all cores, in order, that contradict none that was taken before."""
     image, owner = np.full(n, -1), np.full(n_target, -1)
     for core in cores:
@@ -90,8 +88,8 @@ def pack_cores(cores: Assignments, n: int, n_target: int) -> Assignments:
 
 
 def force_cores(
-    state: State, cores: Assignments, values: Floats, first: int, *, forced_gain: float, count: int
-) -> tuple[Assignments, int]:
+    state: State, cores: Integers, values: Floats, first: int, *, forced_gain: float, count: int
+) -> tuple[Integers, int]:
     """The assignment of a state with one core forced into it, up to `count` times, from core `first` on.
 
     Cores are used whose value is more than `forced_gain` times what they displace, the gains of the members in their

@@ -51,12 +51,12 @@ class SubsetIndex(NamedTuple):
     marginals: Floats  # (n n',): the most that a correspondence can gain from hyper-edges
     source: Integers  # (n n',) point of each correspondence
     keys: NDArray[np.uint64]  # (n n',) random numbers
-    start: NDArray[np.uint32]  # (buckets + 1,), or (pairs + 1,) of a table of pairs
+    start: NDArray[np.uint32]  # (buckets + 1,), or (pairs + 1,) of a table of pairs: the first entry of each
     entries: NDArray[np.uint32]  # (d E,): hash bits above, hyper-edge below; ascending in a long bucket
     paired: bool  # whether there is a table of pairs (see `pair_table`) instead of buckets
-    others: NDArray[np.uint16]  # (3 E,) of a table of pairs
-    held: Floats  # (3 E,) of a table of pairs
-    sums: Floats  # (pairs,) of a table of pairs
+    others: NDArray[np.uint16]  # (3 E,) of a table of pairs: what completes each, hyper-edges ascending
+    held: Floats  # (3 E,) of a table of pairs: and the weight
+    sums: Floats  # (pairs,) of a table of pairs: of the weights
     bucket_shift: int
     tag_shift: int
     edge_bits: int
@@ -79,11 +79,11 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
     unary = np.zeros(size) if tensor.unary is None else tensor.unary.reshape(-1)
     source = np.repeat(np.arange(tensor.shape[0]), tensor.shape[1])
     if bucket_bits is None and is_table_worthwhile(tensor.size, tensor.order, size):
-        table = pair_table(tensor.indices, tensor.weights, size)
+        start, others, held, sums, marginals = pair_table(tensor.indices, tensor.weights, size)
         return SubsetIndex(
-            tensor.indices, tensor.weights, unary, table.marginals, source,
-            keys=np.empty(0, np.uint64), start=table.start, entries=np.empty(0, np.uint32), paired=True,
-            others=table.others, held=table.held, sums=table.sums, bucket_shift=0, tag_shift=0, edge_bits=0,
+            tensor.indices, tensor.weights, unary, marginals, source,
+            keys=np.empty(0, np.uint64), start=start, entries=np.empty(0, np.uint32), paired=True,
+            others=others, held=held, sums=sums, bucket_shift=0, tag_shift=0, edge_bits=0,
             n=tensor.shape[0], n_target=tensor.shape[1],
         )  # fmt: skip
     bits = max(1, (count // 2).bit_length()) if bucket_bits is None else bucket_bits

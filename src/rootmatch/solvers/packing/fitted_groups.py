@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +10,9 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, Pace
+from rootmatch.hypergraph.rows import are_one_to_one, first_rows, row_keys, sorted_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.solvers.packing.cliques import cliques
+from rootmatch.problems import base
 from rootmatch.solvers.packing.hyperedge_groups import (
     Groups,
     HyperedgeGroups,
@@ -26,6 +26,8 @@ SECONDS_PER_GROUP = 1e-4
 """Time to extend a group in all ways and to evaluate these, at most (benchmarks/matches.py --only motions)."""
 MOST_CLIQUES = 2_000_000
 """Cliques beyond which groups grow from single hyper-edges."""
+AT_ONCE = 1 << 20
+"""Pairs of hyper-edges that are looked at together; it bounds memory. A round value."""
 LARGE = 7
 """Members beyond the order from which chance makes no group, so that its parts need not compete."""
 SAMPLED, PER_ROUND = 4_096, 512
@@ -42,12 +44,7 @@ LEAST_REST = 0.5
 class GroupFit(NamedTuple):
     """Fits of whole groups, each to one motion."""
 
-    chi2: Callable[[Groups], Floats]
-    """χ² (G,) of groups (G, n)."""
-    grown: Callable[[Groups], Groups]
-    """Groups (G, n) with all correspondences that their common motion predicts."""
-    extended: Callable[[Groups], Groups]
-    """Groups (E, n), each with one more correspondence that its common motion may predict."""
+    motions: base.Groups
     chance_weight: float
     """Mean of exp(−χ²/2) of a detection anywhere about a position that is known exactly."""
 
@@ -83,7 +80,7 @@ class FittedGroups:
         if found is None:
             groups = self.fallback.groups()
             self.made = self.fallback.made
-            grown = self.fit.grown(groups)
+            grown = self.fit.motions.grown(groups)
             return distinct_groups(np.concatenate([groups, grown[group_sizes(grown) > self.tensor.order]]))
         self.made = len(found)
         groups = groups_from_indices(found, *self.tensor.shape)
@@ -101,7 +98,7 @@ class FittedGroups:
         large = np.empty((0, groups.shape[1]), np.int64)
         pace = Pace(self.deadline.part(0.5), 8)
         while len(waiting) and (few := pace.block(min(PER_ROUND, len(waiting)))):
-            grown = self.fit.grown(waiting[:few])
+            grown = self.fit.motions.grown(waiting[:few])
             grown = grown[group_sizes(grown) >= self.tensor.order + LARGE]
             large = distinct_groups(np.concatenate([large, grown]))
             large = large[np.argsort(-self.evidence(large), kind="stable")]
@@ -119,7 +116,7 @@ class FittedGroups:
             if self.deadline.passed():
                 break
             level = level[: self.deadline.part(0.3).cut(len(level), SECONDS_PER_GROUP)]
-            level = distinct_groups(self.fit.extended(level))
+            level = distinct_groups(self.fit.motions.extended(level))
             evidence = self.evidence(level)
             best = np.argsort(-evidence, kind="stable")[:PER_SIZE]
             level = level[best[evidence[best] > 0.0]]
@@ -131,7 +128,7 @@ class FittedGroups:
         minimal = self.tensor.order - 1
         # the pose of all points is more certain than that of a minimal set: the last term but one
         spread = minimal * np.log(np.maximum(m, 1) / minimal)
-        gain = (m - minimal) * -math.log(self.fit.chance_weight) - 0.5 * self.fit.chi2(groups)
+        gain = (m - minimal) * -math.log(self.fit.chance_weight) - 0.5 * self.fit.motions.chi2(groups)
         return np.asarray(gain - spread - m * match_cost(self.tensor.shape))
 
     def evidence_with_each(self, group: Groups, pairs: Groups) -> Floats:
@@ -139,6 +136,44 @@ class FittedGroups:
         more = np.repeat(group[None], pairs.shape[1], axis=0)
         more[np.arange(pairs.shape[1]), pairs[0]] = pairs[1]
         return self.evidence(more)
+
+
+def cliques(indices: NDArray[np.int32], shape: tuple[int, int], most: int) -> NDArray[np.int32] | None:
+    """Sets (C, d + 1) of correspondences, ascending, all of whose d-subsets are among the hyper-edges (E, d), d ≥ 2.
+
+    Hyper-edges that differ in their last correspondence alone are joined in pairs, and the other d − 1 subsets of what
+    comes of it are looked up (the candidates of frequent item sets; Agrawal & Srikant 1994).
+
+    Returns
+    -------
+    (C, d + 1) int32 array
+        In lexicographic order; None where there are more than ``most``, or where a row is no 64-bit number.
+    """
+    base, d = math.prod(shape), indices.shape[1]
+    if float(base) ** d >= 2.0**63:
+        return None
+    ordered = sorted_rows(indices)
+    ordered = ordered[first_rows(ordered, base)]
+    keys = row_keys(ordered, base)
+    # how many rows after each have its first d − 1 correspondences
+    after = np.searchsorted(keys // base, keys // base, side="right") - np.arange(len(keys)) - 1
+    ends, total = np.cumsum(after), int(after.sum())
+    found, count = [np.empty((0, d + 1), np.int32)], 0
+    for begin in range(0, total, AT_ONCE):
+        number = np.arange(begin, min(begin + AT_ONCE, total))
+        first = np.searchsorted(ends, number, side="right")
+        second = first + 1 + number - (ends - after)[first]
+        joined = np.column_stack([ordered[first], ordered[second, d - 1]])
+        joined = joined[are_one_to_one(joined, shape[1])]
+        for left_out in range(d - 1):
+            wanted = row_keys(np.delete(joined, left_out, axis=1), base)
+            place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+            joined = joined[keys[place] == wanted]
+        found.append(joined)
+        count += len(joined)
+        if count > most:
+            return None
+    return np.concatenate(found)
 
 
 def groups_from_indices(flat: NDArray[np.int32], n: int, n_target: int) -> Groups:
