@@ -13,9 +13,8 @@ from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.model.compiled.updates import choose_pairs, fill_explained, update_with_each
-from rootmatch.model.depth_reversal import reverse_depths
 from rootmatch.model.detection_model import EXACT, DetectionModel
-from rootmatch.model.proposals import Proposals
+from rootmatch.model.proposals import Proposals, reverse_depths
 from rootmatch.model.views import unproject_detections
 from rootmatch.problems.pose_fit.reference_point import pose_about_point
 from rootmatch.problems.pose_fit.starts import reflect_poses

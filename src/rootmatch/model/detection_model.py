@@ -161,11 +161,8 @@ class DetectionModel:
         if most != minimal or len(self.images) < 2:
             return most > minimal
         if self.normals is None:
-            n, shown = (
-                len(self.points) // len(self.images),
-                np.bincount(self.image_indices)[np.flatnonzero(counts == most)],
-            )
-            if count_triples(n, int(shown.min())) > triples:
+            shown = np.bincount(self.image_indices)[np.flatnonzero(counts == most)]
+            if count_triples(len(self.points) // len(self.images), int(shown.min())) > triples:
                 return False
         distinct = np.count_nonzero(used.reshape(len(self.images), -1).any(axis=0))
         return bool(distinct >= points and np.count_nonzero(used) >= minimal + MORE_SIGHTINGS)

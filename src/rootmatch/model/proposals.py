@@ -1,4 +1,8 @@
-"""Poses that are proposed because nothing in the image excludes them: other minima of few matches, and look-alikes."""
+"""Poses that are proposed because nothing in the image excludes them: other minima of few matches, and look-alikes.
+
+From afar, what is nearly flat fits its image in two poses (Schweighofer & Pinz 2006), which meet where it faces the
+camera. A search need not meet both, and neither is a change of the other's assignment.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Bools, Floats, Integers, cache_by_identity, cache_by_values
 from rootmatch.model.compiled.few_poses import fill_minimal_poses
+from rootmatch.model.compiled.reversal import reverse_depth
 from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import STEEP, Evidence, settle_poses, weigh_poses
@@ -141,6 +146,15 @@ def refit_proposals(model: DetectionModel, proposals: Proposals) -> tuple[Propos
     """Assignments at the best poses near their own; see `fitted`."""
     found, at = settle_poses(model, *proposals)
     return Proposals(proposals.assignments, at.rotation, at.position), found, at
+
+
+def reverse_depths(model: DetectionModel, proposals: Proposals) -> Proposals:
+    """The other poses that nearly flat points have from afar, with the same matches, for the camera that has most."""
+    assignments = np.array(proposals.assignments, np.int64)
+    poses = np.array(proposals.rotation, order="C"), np.array(proposals.position, order="C")
+    out = np.empty(poses[0].shape), np.empty(poses[1].shape)
+    reverse_depth(assignments, model.centred_body[0], poses, camera_frames(model.camera), out)
+    return Proposals(proposals.assignments, *out)
 
 
 def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Integers) -> Proposals:

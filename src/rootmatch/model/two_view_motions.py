@@ -147,10 +147,8 @@ def _draw_motion_samples(motion: Motion, rng: np.random.Generator) -> _Drawn:
     samples = Samples.joined([drawn for drawn, _, _ in told.parts])
     log_total = np.concatenate([sums.log_total for _, _, sums in told.parts])[chosen]
     samples, (n, n_target), k = samples.take(chosen), told.model.shape, motion.matches
-    log = log_total + n * np.log1p(-samples.rate) - float(gammaln(n_target + 0.5))
-    log += (
-        (n_target - 0.5) * np.log(samples.clutter) - samples.clutter - _log_gamma(samples.clutter, n_target - k + 0.5)
-    )
+    log, clutter = log_total + n * np.log1p(-samples.rate) - float(gammaln(n_target + 0.5)), samples.clutter
+    log += (n_target - 0.5) * np.log(clutter) - clutter - _log_gamma(clutter, n_target - k + 0.5)
     if told.model.detection_rate is None:
         log -= _log_dirichlet(np.stack([samples.rate, 1.0 - samples.rate]), np.array([k, n - k]) + 1.0)
     return _Drawn(samples, part[chosen], log)

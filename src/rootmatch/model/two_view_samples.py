@@ -195,10 +195,9 @@ def log_pose_proposal_density(model: TwoViewModel, centres: Centres, poses: Rela
     steps, log_area = model.steps_to(fits.poses, poses)
     roots = WIDER * np.linalg.cholesky(fits.covariance)
     white = np.linalg.inv(roots) @ steps.swapaxes(-1, -2)
-    constant = (
-        math.lgamma(0.5 * (FREEDOM + size)) - math.lgamma(0.5 * FREEDOM) - 0.5 * size * math.log(FREEDOM * math.pi)
-    )
-    log = log_area - 0.5 * (FREEDOM + size) * np.log1p((white * white).sum(axis=1) / FREEDOM)
+    power = 0.5 * (FREEDOM + size)
+    constant = math.lgamma(power) - math.lgamma(0.5 * FREEDOM) - 0.5 * size * math.log(FREEDOM * math.pi)
+    log = log_area - power * np.log1p((white * white).sum(axis=1) / FREEDOM)
     share = np.log(counts[some] / counts.sum()) - np.log(np.einsum("caa->ca", roots)).sum(axis=1) + constant
     return log + share[:, None], some
 
