@@ -38,7 +38,7 @@ def deviations(model: DetectionModel, pixels: Floats, spread: Floats) -> tuple[F
     All terms are nonnegative: the determinant of a spread of rank one, far wider than the noise, is pure rounding error
     of either sign.
     """
-    _, sigma, blur = model.gating_arguments
+    _, sigma, blur, *_ = model.gating_image
     variance = sigma**2
     x = model.target[:, 0] - pixels[..., 0, None]
     y = model.target[:, 1] - pixels[..., 1, None]
@@ -73,7 +73,7 @@ def test_updates_with_single_correspondences(kind: str, seed: int) -> None:
         candidates &= WEIGHTS > -1.0
     candidates[3] = False
     target, log_weights = model.target, model.weights_of_pairs
-    image = *model.gating_arguments, model.clutter.log_density, log_weights
+    image = *model.gating_image[:4], log_weights
     points = pixels, jacobian, of_points, chance
 
     moved = pixels + jacobian @ about[0]
@@ -121,7 +121,7 @@ def test_what_poses_explain(source_noise: bool) -> None:
     at.pixels[2] = at.pixels[2, :1]  # all points have one image, as of a body far away
     model.target[:6] = at.pixels[0] + rng.normal(0.0, 3.0, (6, 2))
     model.target[6] = at.pixels[2, 0]
-    image = *model.gating_arguments, model.clutter.log_density, model.image_for_kernels[2]
+    image = model.gating_image
     scores = np.empty(3)
     fill_explained((at.pixels, at.jacobian, of_points, chance), (step, covariance), image, scores)
     for k in range(3):

@@ -59,7 +59,7 @@ def make_point_set_model(task: MatchingTask) -> PointSetModel | None:
         clouds,
         mirror=bool(getattr(task.problem, "mirror", False)),
         allowed=task.allowed,
-        weights=None if task.log_weights is None else np.exp(task.log_weights),
+        log_weights=task.log_weights,
         detection_rate=None if rate is None else min(rate, HIGHEST_RATE),
         prior=_motion_prior(task),
         present=PRESENT if task.present is None else task.present,

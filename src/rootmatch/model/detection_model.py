@@ -247,13 +247,16 @@ class DetectionModel:
         return sigma if at.blob_variance is None else np.asarray(np.sqrt(sigma**2 + at.blob_variance))
 
     @once
-    def gating_arguments(self) -> tuple[Floats, Floats, Floats]:
-        """Detections (n', 2), σ (n',) on each axis at least, and what covariances (n', 2, 2) have beyond it."""
-        target, sigma, *_ = self.image_for_kernels
-        if self.target_covariance is None:
-            return target, sigma, ISOTROPIC
-        least = np.linalg.eigvalsh(self.target_covariance)[:, 0]
-        return target, np.sqrt(least), self.target_covariance - least[:, None, None] * np.eye(2)
+    def gating_image(self) -> tuple[Floats, ...]:
+        """Detections, σ (n',) on each axis at least, and what covariances (n', 2, 2) have beyond it, as `gate` takes them.
+
+        With the log-density (n',) of clutter, and the weights of matches.
+        """
+        (target, sigma, weights, *_), blur = self.image_for_kernels, ISOTROPIC
+        if self.target_covariance is not None:
+            least = np.linalg.eigvalsh(self.target_covariance)[:, 0]
+            sigma, blur = np.sqrt(least), self.target_covariance - least[:, None, None] * np.eye(2)
+        return target, sigma, blur, self.clutter.log_density, weights
 
     @once
     def log_areas(self) -> Floats:

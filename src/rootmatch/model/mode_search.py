@@ -292,13 +292,13 @@ def _list_mode_changes(
 ) -> tuple[Integers, Floats, Integers, Integers]:
     """The changes of a mode that are not negligible to first order in its pose, see `likely_mode_changes`."""
     of_points, least = model.of_points(at), model.prior.least
-    _, _, log_weights, _, log_counts, image_of = model.image_for_kernels
+    *_, log_counts, image_of = model.image_for_kernels
     may_lose = np.count_nonzero(mode.assignment >= 0) > least or least < LEAST  # one match is no mode, but is weighed
     found: tuple[Integers, Floats, Integers, Integers] = likely_mode_changes(
         mode.assignment,
         (at.pixels[0], at.jacobian[0], EXACT if of_points is None else of_points[0].copy(), mode.visible, at.seen[0]),
         mode.covariance,
-        (*model.gating_arguments, model.clutter.log_density, log_weights, log_counts, image_of),
+        (*model.gating_image, log_counts, image_of),
         (math.nan if model.rate is None else model.rate, -NEGLIGIBLE, may_lose, WEIGHED, least),
     )
     return found

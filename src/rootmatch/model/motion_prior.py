@@ -25,6 +25,7 @@ import numpy as np
 
 from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats, Integers
+from rootmatch.hypergraph.assignment import maximise_total
 from rootmatch.model.pose_density import ROTATIONS
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, squared_deviations
@@ -286,11 +287,7 @@ def _label_nearest(clouds: PointClouds, pose: Pose) -> Integers:
     squared = squared_deviations(off, spread)
     near = squared < GATE
     if (near.sum(axis=0) > 1).any() or (near.sum(axis=1) > 1).any():
-        from scipy.optimize import linear_sum_assignment  # slow to import, rarely needed
-
-        pairs = np.zeros_like(near)
-        pairs[linear_sum_assignment(np.minimum(squared, GATE))] = True
-        near &= pairs
+        return maximise_total(np.maximum(GATE - squared, 0.0), 0.0)
     one = np.full(len(squared), -1, np.int64)
     rows, columns = np.nonzero(near)
     one[rows] = columns

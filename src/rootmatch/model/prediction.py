@@ -226,7 +226,7 @@ def look_about(
     if (prior := kernel_mixture(model)) is None or model.has_covariances:
         at = at or model.linearise_about(*pose)
         visible = model.visibility(at, np.array([_direction_sigma(covariance)]))[0]
-        gate((*_image_arguments(model, at), visible), np.array(covariance), gating_image(model), limits, gated)
+        gate((*_image_arguments(model, at), visible), np.array(covariance), model.gating_image, limits, gated)
         return Looked(at, visible, gated[0], settled=[], last=gated[2], about=at)
     at = image_room(n, model.normals is not None, *(one.repeat(rounds + 1, axis=0) for one in pose))
     found, rows = evidence_buffers(rounds, n), np.empty((rounds, n), np.int64)
@@ -247,17 +247,12 @@ def _image_arguments(model: DetectionModel, at: Linearised) -> tuple[Floats, Flo
     return at.pixels[0], at.jacobian[0], EXACT if of_points is None else np.array(of_points[0])
 
 
-def gating_image(model: DetectionModel) -> tuple[Floats, ...]:
-    """Detections, their noise, the log-density of clutter, and the weights of matches, as `gate` takes them."""
-    return *model.gating_arguments, model.clutter.log_density, model.image_for_kernels[2]
-
-
 def _narrow_by_pairs(model: DetectionModel, looked: Looked, covariance: Floats) -> list[tuple[Floats, Floats]]:
     """Steps and covariances after two correspondences each, those that explain most."""
     points = *_image_arguments(model, looked.at), (model.rate or USUAL_RATE) * looked.visible
     beams = [(np.zeros(6), np.array(covariance))]
     for _ in range(2):
-        every = [_kalman_updates(points, about, gating_image(model), looked.candidates) for about in beams]
+        every = [_kalman_updates(points, about, model.gating_image, looked.candidates) for about in beams]
         steps, spreads, scores = (np.concatenate(part) for part in zip(*every, strict=True))
         if not len(scores):
             break
@@ -299,7 +294,7 @@ def score_predictions(model: DetectionModel, at: Linearised, step: Floats, covar
         chance *= np.minimum(USUAL_RATE, model.shape[1] / shown)
     points = at.pixels, at.jacobian, EXACT[None] if of_points is None else np.array(of_points), chance
     scores = np.empty(len(step))
-    fill_explained(points, (step, covariance), gating_image(model), scores)
+    fill_explained(points, (step, covariance), model.gating_image, scores)
     return scores
 
 
