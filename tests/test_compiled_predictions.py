@@ -13,7 +13,7 @@ from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.model.compiled.updates import choose_pairs, fill_explained, update_with_each
-from rootmatch.model.detection_model import EXACT, DetectionModel
+from rootmatch.model.detection_model import ISOTROPIC, DetectionModel
 from rootmatch.model.proposals import Proposals, reverse_depths
 from rootmatch.model.views import unproject_detections
 from rootmatch.problems.pose_fit.reference_point import pose_about_point
@@ -65,7 +65,7 @@ def test_updates_with_single_correspondences(kind: str, seed: int) -> None:
     if kind == "blurred":
         more = {"target_covariance": (own := own + 2.0 * one_sided(rng, 9))}
     model = DetectionModel(model.camera, model.points, model.target.copy(), model.sigma, **more)  # type: ignore[arg-type]
-    of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (6, 1, 1)) if kind == "source noise" else EXACT
+    of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (6, 1, 1)) if kind == "source noise" else ISOTROPIC
     about = rng.normal(0.0, 1e-3, 6), covariance_of(kind, rng)
     model.target[:6] = pixels + jacobian @ rng.multivariate_normal(*about) + rng.normal(0.0, 0.5, (6, 2))
     chance, candidates = rng.uniform(0.1, 0.9, 6), rng.random((6, 9)) < 0.7
@@ -116,7 +116,7 @@ def test_what_poses_explain(source_noise: bool) -> None:
     rng = np.random.default_rng(1024)
     at = model.linearise_about(R, position)
     step, covariance = rng.normal(0.0, 1e-3, (3, 6)), np.array([covariance_of("plain", rng) for _ in range(3)])
-    of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (3, 6, 1, 1)) if source_noise else EXACT[None]
+    of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (3, 6, 1, 1)) if source_noise else ISOTROPIC[None]
     chance = rng.uniform(0.1, 0.9, (3, 6))
     at.pixels[2] = at.pixels[2, :1]  # all points have one image, as of a body far away
     model.target[:6] = at.pixels[0] + rng.normal(0.0, 3.0, (6, 2))

@@ -36,8 +36,8 @@ from rootmatch.problems.pose_fit.reference_point import centre_points, pose_abou
 ANY_POSE = Broad()
 NONE, NO_ROWS = np.empty(0), np.empty((0, 0))
 """What a kernel gets in the place of None."""
-EXACT = ISOTROPIC = np.empty((0, 2, 2))
-"""Covariances of pixels by model points that are exact, as a kernel takes them, and of detections beyond their σ."""
+ISOTROPIC = np.empty((0, 2, 2))
+"""What covariances of detections have beyond their σ, as a kernel takes it: nothing."""
 HIGHEST_RATE = 0.999
 """Highest detection rate that is believed: beyond it, one hidden point would refute a pose."""
 USUAL_RATE = 0.9
@@ -248,10 +248,7 @@ class DetectionModel:
 
     @once
     def gating_image(self) -> tuple[Floats, ...]:
-        """Detections, σ (n',) on each axis at least, and what covariances (n', 2, 2) have beyond it, as `gate` takes them.
-
-        With the log-density (n',) of clutter, and the weights of matches.
-        """
+        """What `rootmatch.model.compiled.gating.gate` takes of the image: with covariances, σ on each axis at least."""
         (target, sigma, weights, *_), blur = self.image_for_kernels, ISOTROPIC
         if self.target_covariance is not None:
             least = np.linalg.eigvalsh(self.target_covariance)[:, 0]
@@ -277,13 +274,14 @@ class DetectionModel:
         own = self.target_covariance[image]
         return own if at.blob_variance is None else own + at.blob_variance[..., None, None] * np.eye(2)
 
-    def of_points(self, at: Linearised) -> Floats | None:
-        """Covariances (K, n, 2, 2) of the pixels by those of the model points and in blobs; None if exact."""
+    def of_points(self, at: Linearised) -> Floats:
+        """Covariances (K, n, 2, 2) of the pixels by those of the model points and in blobs; (K, 0, 2, 2) if exact."""
+        blobs = None if at.blob_variance is None else at.blob_variance[..., None, None] * np.eye(2)
         if self.source_covariance is None:
-            return None if at.blob_variance is None else at.blob_variance[..., None, None] * np.eye(2)
+            return np.empty((len(at.seen), 0, 2, 2)) if blobs is None else blobs
         by_point = at.by_position @ at.rotation[:, None]
         of_points = by_point @ self.source_covariance @ by_point.swapaxes(-1, -2)
-        return of_points if at.blob_variance is None else of_points + at.blob_variance[..., None, None] * np.eye(2)
+        return of_points if blobs is None else of_points + blobs
 
     def visibility(self, at: Linearised, tilt: Floats) -> Floats:
         """Visibility (K, n), 0 to 1, of each point in each pose; ``tilt`` (K,): its direction's deviation, rad."""
@@ -307,7 +305,7 @@ class DetectionModel:
 
     @once
     def scene_for_kernels(self) -> tuple[Any, ...] | None:
-        """What `rootmatch.model.compiled.settling.settle` takes; None where NumPy has a part in it."""
+        """What `rootmatch.model.compiled.settling.settle_hypotheses` takes; None where NumPy has a part in it."""
         if self._views is None or self.resolution:
             return None
         clutter, rates = self.clutter.for_kernels, (*self.rate_quadrature, self.noise_freedom)

@@ -89,7 +89,7 @@ def cache_answer(answer: Callable[..., Told], model: DetectionModel, *given: Any
 
 
 def residual_log_gains(given: float, residuals: tuple[float, float], freedom: float, errors: Floats) -> Floats:
-    """Log-odds (W,) that points are off by errors (W,), by `residuals_of` their matches alone, to first order.
+    """Log-odds (W,) that points are off by errors (W,), by `residual_statistics` of matches alone, to first order.
 
     ``given``: residuals by which σ is known; ``freedom``: degrees of freedom of the squared deviation.
     """

@@ -194,7 +194,7 @@ def fuse_with_known(fit: Pose, known: Pose | PosePrior) -> Pose:
     fit = _correct_scale_bias(fit)
     assert known.covariance is not None
     size = len(known.covariance)
-    # as `updated` takes it: were it the difference, each frame would add to the scale
+    # as `kalman_update` takes it: were it the difference, each frame would add to the scale
     longer = fit.scale * math.log(known.scale / fit.scale)
     off = np.array([*turn_vectors((known.R @ fit.R.T)[None])[0], *(known.t - fit.t), longer])[:size]
     return kalman_update(fit, np.eye(size), off, known.covariance)

@@ -268,7 +268,7 @@ class PointSetModel:
 
     @cached_property
     def _clutter_box(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """See `count_view_angles`."""
+        """See `box_edges`."""
         clouds = self.clouds
         return box_edges(clouds.target, clouds.target_variance, len(clouds.source))
 

@@ -187,7 +187,7 @@ class PointSetPosterior:
 def weigh_point_set_posterior(
     model: PointSetModel, proposals: Judged, mirrored: Integers | None = None
 ) -> PointSetPosterior:
-    """The posterior of proposed labellings, their neighbours by one change, and clutter alone; see `weighed`."""
+    """The posterior of what `weigh_labellings` tells of proposed labellings, and of clutter alone."""
     found = weigh_labellings(model, proposals, mirrored)
     if not len(found.assignments):
         return PointSetPosterior(found.assignments, found.log_mass)

@@ -20,7 +20,7 @@ from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.model.compiled.gating import gate
 from rootmatch.model.compiled.looking import follow_gates
 from rootmatch.model.compiled.updates import choose_pairs, fill_explained, update_with_each
-from rootmatch.model.detection_model import EXACT, USUAL_RATE, DetectionModel
+from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
 from rootmatch.model.evidence import STEEP, Evidence, evidence_buffers, kernel_mixture, step_poses, weigh_assignments
 from rootmatch.model.linearised import Linearised, image_room
 from rootmatch.model.pose_density import Gaussian
@@ -243,8 +243,7 @@ def look_about(
 
 def _image_arguments(model: DetectionModel, at: Linearised) -> tuple[Floats, Floats, Floats]:
     """Pixels (n, 2) of the points in one pose, their Jacobian (n, 2, 6), and covariances (n, 2, 2) if not exact."""
-    of_points = model.of_points(at)
-    return at.pixels[0], at.jacobian[0], EXACT if of_points is None else np.array(of_points[0])
+    return at.pixels[0], at.jacobian[0], model.of_points(at)[0]
 
 
 def _narrow_by_pairs(model: DetectionModel, looked: Looked, covariance: Floats) -> list[tuple[Floats, Floats]]:
@@ -285,15 +284,13 @@ def score_predictions(model: DetectionModel, at: Linearised, step: Floats, covar
 
     ``step`` (K, 6) and ``covariance`` (K, 6, 6): of the distributions of the poses, from those of ``at``.
     """
-    of_points, tilt = model.of_points(at), np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2) / 3.0)
-    chance = model.visibility(at, tilt)
+    chance = model.visibility(at, np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2) / 3.0))
     if model.rate:
         chance *= model.rate
     else:  # of many points that face the camera no more are seen than are detected
         shown = np.maximum(chance.sum(axis=1, keepdims=True), 1.0)
         chance *= np.minimum(USUAL_RATE, model.shape[1] / shown)
-    points = at.pixels, at.jacobian, EXACT[None] if of_points is None else np.array(of_points), chance
-    scores = np.empty(len(step))
+    points, scores = (at.pixels, at.jacobian, model.of_points(at), chance), np.empty(len(step))
     fill_explained(points, (step, covariance), model.gating_image, scores)
     return scores
 

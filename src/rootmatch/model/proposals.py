@@ -132,7 +132,7 @@ def fit_assignments(model: DetectionModel, assignments: Integers) -> tuple[Propo
 
 
 def rough_fits(model: DetectionModel, assignments: Integers) -> Proposals:
-    """As `fitted`, one step away from a minimal set."""
+    """As `fit_assignments`, one step away from a minimal set."""
     sets = solve_minimal_sets(model, assignments, assignments.shape[1])
     found, at = weigh_poses(model, *sets.proposals)
     order = np.lexsort((-found.log_odds, sets.of))
@@ -143,7 +143,7 @@ def rough_fits(model: DetectionModel, assignments: Integers) -> Proposals:
 
 
 def refit_proposals(model: DetectionModel, proposals: Proposals) -> tuple[Proposals, Evidence, Linearised]:
-    """Assignments at the best poses near their own; see `fitted`."""
+    """Assignments at the best poses near their own; see `fit_assignments`."""
     found, at = settle_poses(model, *proposals)
     return Proposals(proposals.assignments, at.rotation, at.position), found, at
 
