@@ -34,7 +34,6 @@ from rootmatch.problems.pose_fit.reference_point import pose_about_point
 LEAST_SPREAD = 1e-4
 """Least standard deviation, in radians, of a vertical in a density over poses; in a combination of measurements it is
 `rootmatch.problems.pose_fit.pose_prior.LEAST_TILT`."""
-NOTHING = np.zeros((1, 3)), np.zeros((1, 3, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +56,7 @@ class Known(Mixed):
     @once
     def for_kernels(self) -> Mixture:
         """See `rootmatch.model.pose_density.PoseDensity.for_kernels`."""
-        vector, matrix = NOTHING
+        vector, matrix = np.zeros((1, 3)), np.zeros((1, 3, 3))
         turn, down, place = self.prior.turn, self.prior.down, self.prior.place
         rotations, directions, places = (matrix, matrix), (vector, vector, np.zeros(1)), (vector, matrix, vector)
         log_density = -math.log(ROTATIONS)
