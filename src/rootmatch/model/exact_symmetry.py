@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.algebra.rotation import turn_jacobian
+from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.point_set_model import log_student_factor
 from rootmatch.model.priors import NOISE_FREEDOM
@@ -101,8 +101,12 @@ def fit_exact_shape(
         linear[rows, :, second, :] += root[second]
         linear[rows, :, first, :] -= turn @ root[first]
         off = moved - moved.mean(axis=0)
-        change = np.concatenate([turn_jacobian(off), np.broadcast_to(np.eye(size), (m, size, size))], axis=2)
-        basis, values, _ = np.linalg.svd(change.reshape(m * size, -1), full_matrices=False)
+        if size == 3:
+            turned = cross_matrix(off)
+        else:
+            turned = np.stack([-off[:, 1], off[:, 0]], axis=1)[:, :, None]
+        change = np.concatenate([turned, np.broadcast_to(np.eye(size), (m, size, size))], axis=2).reshape(m * size, -1)
+        basis, values, _ = np.linalg.svd(change, full_matrices=False)
         basis = basis[:, values > 1e-9 * values[0]]
         each = linear.reshape(m * size, -1)
         each = each - basis @ (basis.T @ each)
