@@ -110,7 +110,7 @@ def displacements_within(prior: Doubted, points: PointSets) -> Succession | None
     turn, shift = (2.0 * GATE * math.sqrt(max(one[k] + one[k + 1] + one[k + 2] for one in spread)) for k in (0, 3))
     motions, angle, away = every
     (within,) = ((angle < turn) & (away < shift)).nonzero()
-    return Succession(*(one[within] for one in motions)) if len(within) else None
+    return Succession._make(one[within] for one in motions) if len(within) else None
 
 
 def propose_moved(
