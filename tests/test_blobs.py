@@ -12,8 +12,15 @@ from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.model.blob_labels import likeliest_lit_points, swap_to_likeliest
-from rootmatch.model.blobs import assign_blobs, average_blobs, blob_variance_of, find_blobs, lit_probabilities
+from rootmatch.model.blobs import (
+    assign_blobs,
+    average_blobs,
+    blob_variance_of,
+    find_blobs,
+    likeliest_lit_points,
+    lit_probabilities,
+    swap_to_likeliest,
+)
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import weigh_poses
 

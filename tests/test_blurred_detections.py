@@ -17,7 +17,7 @@ from rootmatch.algebra.rotation import rotation_vector
 from rootmatch.cli import app
 from rootmatch.io.point_files import PointSet, read_points, write_points
 from rootmatch.model.compiled.gating import gate
-from rootmatch.model.detection_model import EXACT, DetectionModel
+from rootmatch.model.detection_model import ISOTROPIC, DetectionModel
 from rootmatch.model.evidence import squared_deviations, weigh_poses
 
 Floats = NDArray[np.float64]
@@ -126,8 +126,8 @@ def test_gates_have_the_density_of_a_normal_distribution() -> None:
     at = model.linearise_about(*model.centred(one.R[None], one.t[None]))
     spread = np.diag([1e-3] * 3 + [2e-3] * 3) ** 2
     out = np.empty((8, 12), np.bool_), np.empty((8, 12)), np.empty(8, np.int64)
-    image = *model.gating_arguments, np.zeros(12), np.empty((0, 0))
-    gate((at.pixels[0], at.jacobian[0], EXACT, np.ones(8)), spread, image, (16.0, 0.5, 0.1), out)
+    image = *model.gating_image[:3], np.zeros(12), np.empty((0, 0))
+    gate((at.pixels[0], at.jacobian[0], ISOTROPIC, np.ones(8)), spread, image, (16.0, 0.5, 0.1), out)
     jacobian = at.jacobian[0]
     for i in range(8):
         for j in range(12):

@@ -548,7 +548,7 @@ def test_gates(weighed: bool) -> None:
     candidates, gains, assignment = np.empty((6, 9), np.bool_), np.empty((6, 9)), np.empty(6, np.int64)
     gate(
         (at.pixels[0], at.jacobian[0], of_points, shown), covariance,
-        (*model.gating_arguments, model.clutter.log_density, weights),
+        (*model.gating_image[:4], weights),
         (16.0, 0.9, 0.1), (candidates, gains, assignment),
     )  # fmt: skip
     for i in range(6):
@@ -624,7 +624,7 @@ def test_gains_of_single_matches(name: str) -> None:
     fill_match_gains(
         assignment, (pixels, at.jacobian[0], of_points[: 6 * uncertain], visible_by, at.seen[0]),
         covariance,
-        (*model.gating_arguments, model.clutter.log_density, model.weights_of_pairs, log_count), 0.8, gains,
+        (*model.gating_image, log_count), 0.8, gains,
     )  # fmt: skip
     for i in range(6):
         without = P + sum(one for k, one in enumerate(each) if k != i)

@@ -13,9 +13,8 @@ from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.model.compiled.updates import choose_pairs, fill_explained, update_with_each
-from rootmatch.model.depth_reversal import reverse_depths
-from rootmatch.model.detection_model import EXACT, DetectionModel
-from rootmatch.model.proposals import Proposals
+from rootmatch.model.detection_model import ISOTROPIC, DetectionModel
+from rootmatch.model.proposals import Proposals, reverse_depths
 from rootmatch.model.views import unproject_detections
 from rootmatch.problems.pose_fit.reference_point import pose_about_point
 from rootmatch.problems.pose_fit.starts import reflect_poses
@@ -39,7 +38,7 @@ def deviations(model: DetectionModel, pixels: Floats, spread: Floats) -> tuple[F
     All terms are nonnegative: the determinant of a spread of rank one, far wider than the noise, is pure rounding error
     of either sign.
     """
-    _, sigma, blur = model.gating_arguments
+    _, sigma, blur, *_ = model.gating_image
     variance = sigma**2
     x = model.target[:, 0] - pixels[..., 0, None]
     y = model.target[:, 1] - pixels[..., 1, None]
@@ -66,7 +65,7 @@ def test_updates_with_single_correspondences(kind: str, seed: int) -> None:
     if kind == "blurred":
         more = {"target_covariance": (own := own + 2.0 * one_sided(rng, 9))}
     model = DetectionModel(model.camera, model.points, model.target.copy(), model.sigma, **more)  # type: ignore[arg-type]
-    of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (6, 1, 1)) if kind == "source noise" else EXACT
+    of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (6, 1, 1)) if kind == "source noise" else ISOTROPIC
     about = rng.normal(0.0, 1e-3, 6), covariance_of(kind, rng)
     model.target[:6] = pixels + jacobian @ rng.multivariate_normal(*about) + rng.normal(0.0, 0.5, (6, 2))
     chance, candidates = rng.uniform(0.1, 0.9, 6), rng.random((6, 9)) < 0.7
@@ -74,7 +73,7 @@ def test_updates_with_single_correspondences(kind: str, seed: int) -> None:
         candidates &= WEIGHTS > -1.0
     candidates[3] = False
     target, log_weights = model.target, model.weights_of_pairs
-    image = *model.gating_arguments, model.clutter.log_density, log_weights
+    image = *model.gating_image[:4], log_weights
     points = pixels, jacobian, of_points, chance
 
     moved = pixels + jacobian @ about[0]
@@ -117,12 +116,12 @@ def test_what_poses_explain(source_noise: bool) -> None:
     rng = np.random.default_rng(1024)
     at = model.linearise_about(R, position)
     step, covariance = rng.normal(0.0, 1e-3, (3, 6)), np.array([covariance_of("plain", rng) for _ in range(3)])
-    of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (3, 6, 1, 1)) if source_noise else EXACT[None]
+    of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (3, 6, 1, 1)) if source_noise else ISOTROPIC[None]
     chance = rng.uniform(0.1, 0.9, (3, 6))
     at.pixels[2] = at.pixels[2, :1]  # all points have one image, as of a body far away
     model.target[:6] = at.pixels[0] + rng.normal(0.0, 3.0, (6, 2))
     model.target[6] = at.pixels[2, 0]
-    image = *model.gating_arguments, model.clutter.log_density, model.image_for_kernels[2]
+    image = model.gating_image
     scores = np.empty(3)
     fill_explained((at.pixels, at.jacobian, of_points, chance), (step, covariance), image, scores)
     for k in range(3):

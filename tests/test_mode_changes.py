@@ -49,7 +49,7 @@ def test_changes_are_the_likely_neighbours(weighed: bool, may_lose: bool, most: 
         assignment[some] = np.roll(assignment[some], 1)
         covariance, rate = np.diag(rng.uniform(1e-6, 1e-3, 6)), math.nan if seed % 2 else 0.8
         log_counts, image_of = rng.normal(size=(2, 10)), rng.integers(0, 2, 9)
-        known = *model.gating_arguments, model.clutter.log_density, model.weights_of_pairs
+        known = model.gating_image
         points = at.pixels[0], at.jacobian[0], np.empty((0, 2, 2)), rng.uniform(0.2, 1.0, 6), at.seen[0]
         columns, gains, order, changed = likely_mode_changes(
             assignment, points, covariance, (*known, log_counts, image_of), (rate, -9.0, may_lose, most, 3)
@@ -86,7 +86,7 @@ def test_there_is_room_for_any_number_of_changes() -> None:
     at = model.linearise_about(R, position)
     model = replace(model, target=np.tile(model.target[:1], (60, 1)) + np.arange(60)[:, None], sigma=np.full(60, 0.5))
     counts = np.zeros((1, 61)), np.zeros(60, np.int64)
-    image = *model.gating_arguments, np.zeros(60), model.weights_of_pairs, *counts
+    image = *model.gating_image[:3], np.zeros(60), model.weights_of_pairs, *counts
     points = at.pixels[0], at.jacobian[0], np.empty((0, 2, 2)), np.full(6, 0.9), at.seen[0]
     limits = 0.9, -1e12, True, 8, 3
     columns, gains, order, changed = likely_mode_changes(np.full(6, -1), points, 1e-4 * np.eye(6), image, limits)
@@ -133,7 +133,7 @@ def test_no_change_is_likely() -> None:
     counts = np.zeros((1, 7)), np.zeros(6, np.int64)
     columns, gains, order, changed = likely_mode_changes(
         np.arange(6), (at.pixels[0], at.jacobian[0], np.empty((0, 2, 2)), np.full(6, 0.9), at.seen[0]),
-        1e-12 * np.eye(6), (*model.gating_arguments, np.full(6, -40.0), model.weights_of_pairs, *counts),
+        1e-12 * np.eye(6), (*model.gating_image[:3], np.full(6, -40.0), model.weights_of_pairs, *counts),
         (0.9, -9.0, True, 8, 3),
     )  # fmt: skip
     assert (len(gains), len(order), changed.shape) == (0, 0, (0, 6))

@@ -22,7 +22,6 @@ from rootmatch.model.near_symmetries import (
     MOST_POINTS,
     TOLERANCE,
     find_symmetries,
-    near_symmetric_motions,
 )
 
 Floats = NDArray[np.float64]
@@ -222,7 +221,6 @@ def test_a_quarter_of_many_points_suffices() -> None:
     assert [one.mapped_count for one in found] == [8, 8]  # there and back
     angles = [Rotation.from_matrix(one.rotation).as_rotvec()[2] for one in found]
     assert sorted(angles) == pytest.approx([-0.5 * np.pi, 0.5 * np.pi])
-    assert len(near_symmetric_motions(source, None, 1)) == 1
 
 
 def steps_of(source: Floats, each: int) -> list[tuple[int, float]]:

@@ -26,6 +26,7 @@ from rootmatch.model.posterior import empty_posterior
 from rootmatch.model.proposals import Proposals
 from rootmatch.model.shown_in_part import (
     IN_SIGHT,
+    SIGHT,
     FewShown,
     ShownOfCopy,
     count_distributions,
@@ -94,10 +95,10 @@ def test_few_detected_points_by_enumeration() -> None:
 def test_what_may_be_hidden_as_a_whole_is_summed_over_what_is_ever_visible() -> None:
     rng = np.random.default_rng(1)
     visible, rates, most = rng.uniform(0.0, 1.0, (3, 8)) * (rng.random(8) < 0.7), np.array([0.4, 0.95]), 2
-    few, hidden = count_distributions(visible, rates, 2, most)
+    few = count_distributions(visible, rates, 2, most)
     each = np.outer(rates, (1.0, *IN_SIGHT)).reshape(-1)
     chance = (visible.T[:, :, None] * each).reshape(2, 4, -1)
-    assert hidden.sum() == pytest.approx(1.0)
+    assert SIGHT.sum() == pytest.approx(1.0)
     for counts in (np.array([3, 1]), np.array([0, 2])):
         odds = (count_ways_to_own(counts, most) * few).sum(axis=0).prod(axis=0)
         np.testing.assert_allclose(np.log(odds), sum_small_subsets(chance, counts, most)[0])
@@ -196,8 +197,7 @@ def test_a_body_that_a_search_has_not_met_by_enumeration() -> None:
     model = DetectionModel(CAMERA, points, target, np.full(7, 0.3))
     few, more = FewShown(model, most, np.array([7])), np.zeros(2)
     rates = np.outer(model.rate_quadrature[0], (1.0, *IN_SIGHT)).reshape(1, 1, -1).repeat(5, axis=1)
-    _, shares = count_distributions(np.ones((1, 5)), model.rate_quadrature[0], 1, most)
-    cases = np.outer(np.exp(model.rate_quadrature[1]), shares).reshape(-1)
+    cases = np.outer(np.exp(model.rate_quadrature[1]), SIGHT).reshape(-1)
     for chance, weight in zip(rates[0].T, cases, strict=True):
         for k in range(most + 1, 6):
             for some in combinations(range(5), k):

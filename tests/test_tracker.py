@@ -21,7 +21,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.mode_search import find_modes
 from rootmatch.model.modes import empty_changes_each
-from rootmatch.model.near_symmetries import near_symmetric_motions
+from rootmatch.model.near_symmetries import find_symmetries
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals
 from rootmatch.tracking.averaged_pose import average_pose
@@ -197,11 +197,11 @@ def test_the_evidence_of_frames_adds_up() -> None:
 
 def test_the_twin_is_followed_too_where_a_search_found_one_pose_alone() -> None:
     body, filters, R, _ = twins(0.0)
-    turns = near_symmetric_motions(body, None, 3)
+    turns = [(one.rotation, one.shift) for one in find_symmetries(body, None)]
     assert len(turns) == 1
     np.testing.assert_allclose(turns[0][0], np.diag([-1.0, -1.0, 1.0]), atol=1e-9)
     np.testing.assert_allclose(turns[0][1], 0.0, atol=1e-9)
-    assert near_symmetric_motions(np.random.default_rng(2).uniform(-0.3, 0.3, (15, 3)), None, 3) == []
+    assert not find_symmetries(np.random.default_rng(2).uniform(-0.3, 0.3, (15, 3)), None)
     _, belief = following(body, filters[:1])
     belief.add_turned(turns)
     assert len(belief.poses) == 2

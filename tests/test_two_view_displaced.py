@@ -11,7 +11,7 @@ import rootmatch as rm
 from rootmatch.model.two_view_fit import fit_relative_poses
 from rootmatch.model.two_view_losses import displaced_labellings, log_loss_probability
 from rootmatch.model.two_view_model import TwoViewModel
-from rootmatch.model.two_view_samples import likeliest_fits
+from rootmatch.model.two_view_samples import fit_likeliest
 
 FOCAL, SIGMA, LAMPS, PERIOD = 900.0, 0.4, 12, 2.5
 CAMERA = rm.Camera(FOCAL, FOCAL, 640.0, 360.0, size=(1280, 720))
@@ -54,8 +54,7 @@ def model_of(first: np.ndarray, second: np.ndarray) -> TwoViewModel:
 def test_the_right_labelling_is_a_displaced_one(shift: int) -> None:
     first, second, numbers, others = corridor(1.6, 3)
     model, truth, shifted = model_of(first, second), labelling(numbers, others, 0), labelling(numbers, others, shift)
-    fits = fit_relative_poses(model, shifted[None])
-    pose = fits.poses.take(likeliest_fits(model, fits, 1))
+    pose = fit_likeliest(model, shifted[None]).poses
     right = [int(((one == truth) & (truth >= 0)).sum()) for one in displaced_labellings(model, pose, shifted)]
     assert max(right) > 0.6 * np.count_nonzero(truth >= 0)
 

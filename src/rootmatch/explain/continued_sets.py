@@ -50,7 +50,7 @@ def allow_continued_sets(
         labels[own] = len(first)
         first.append(told.assignments[best])
     of = labels >= 0
-    beyond = _Continued(replace(model, prior=None, weights=None, allowed=None), places, taken)
+    beyond = _Continued(replace(model, prior=None, log_weights=None, allowed=None), places, taken)
     shares = np.maximum(np.bincount(labels[of], told.probabilities[of], len(first)), 1e-300)
     # of what has copies, the weight is not that of its own matches
     odds, mass = [beyond.odds(one) for one in first], np.log(shares) + told.log_total

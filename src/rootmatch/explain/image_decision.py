@@ -27,7 +27,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.zoom_hypotheses import has_image_model, make_candidate
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.affinity import NOISE_KINDS
-from rootmatch.model.blob_labels import likeliest_lit_points, swap_to_likeliest
+from rootmatch.model.blobs import likeliest_lit_points, swap_to_likeliest
 from rootmatch.model.copy_or_alike import log_odds_of_points_elsewhere
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.elsewhere import log_odds_of_another

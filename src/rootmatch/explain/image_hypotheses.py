@@ -24,7 +24,6 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.tensor import AffinityTensor, strongest_assignments
 from rootmatch.model.competition import KEPT, joint_posterior
-from rootmatch.model.depth_reversal import reverse_depths
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import NO_CHANGE, Evidence
 from rootmatch.model.exchanged import add_family_places, mark_exchanged
@@ -44,6 +43,7 @@ from rootmatch.model.proposals import (
     join_proposals,
     look_alikes,
     propose_few_matched,
+    reverse_depths,
     rough_fits,
     solve_minimal_sets,
 )

@@ -24,14 +24,13 @@ from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.model.detection_model import HIGHEST_RATE
-from rootmatch.model.displaced_motions import add_displaced
 from rootmatch.model.motion_prior import MotionPrior, add_source_errors, fuse_with_known, motion_covariances
 from rootmatch.model.near_symmetries import find_symmetries
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.point_set_off import log_odds_of_errors, log_odds_of_reflection
 from rootmatch.model.point_set_posterior import PointSetPosterior, mix_posteriors, weigh_point_set_posterior
 from rootmatch.model.priors import PRESENT
-from rootmatch.model.repetition import Repeated, find_repetition
+from rootmatch.model.repetition import Repeated, add_displaced, find_repetition
 from rootmatch.model.weighed_labellings import NEGLIGIBLE
 from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 from rootmatch.problems.pose_fit.pose import Pose
@@ -60,7 +59,7 @@ def make_point_set_model(task: MatchingTask) -> PointSetModel | None:
         clouds,
         mirror=bool(getattr(task.problem, "mirror", False)),
         allowed=task.allowed,
-        weights=None if task.log_weights is None else np.exp(task.log_weights),
+        log_weights=task.log_weights,
         detection_rate=None if rate is None else min(rate, HIGHEST_RATE),
         prior=_motion_prior(task),
         present=PRESENT if task.present is None else task.present,

@@ -14,7 +14,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.prior_validation import NONE
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
-from rootmatch.model.blob_labels import resolve_blobs
+from rootmatch.model.blobs import resolve_blobs
 from rootmatch.model.errors_in_common import errors_in_common
 from rootmatch.model.evidence import squared_deviations, weigh_assignments
 from rootmatch.model.exchanged import own_prior

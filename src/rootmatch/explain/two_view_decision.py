@@ -24,12 +24,12 @@ from rootmatch.model.clutter import Clutter, clutter_areas, estimate_clutter
 from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.posterior import joint_probabilities, surest_matches
 from rootmatch.model.priors import COPY, PRESENT
-from rootmatch.model.two_view_fit import drop_similar, fit_relative_poses
+from rootmatch.model.two_view_fit import drop_similar
 from rootmatch.model.two_view_losses import displaced_labellings, log_loss_probability
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_places import reweigh_by_crowding
 from rootmatch.model.two_view_posterior import TwoViewPosterior, sample_two_view_posterior
-from rootmatch.model.two_view_samples import fit_log_evidence, likeliest_fits
+from rootmatch.model.two_view_samples import fit_likeliest, fit_log_evidence
 from rootmatch.problems.base import Problem
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared_match_share
@@ -133,8 +133,7 @@ def rival_labellings(model: TwoViewModel, told: TwoViewPosterior, named: Integer
         return elsewhere[:0], np.zeros(0)
     # what is displaced is there by as much as it fits worse than the best
     along = np.concatenate([other.proposals[:1], along])
-    fits = fit_relative_poses(model, along)
-    value = fit_log_evidence(model, fits.take(likeliest_fits(model, fits, len(along))))
+    value = fit_log_evidence(model, fit_likeliest(model, along))
     copies = np.concatenate([copy + np.minimum(value - value[0], 0.0), np.full(len(elsewhere), copy)])
     elsewhere = np.concatenate([along, elsewhere])[copies > LEAST]
     lost = log_loss_probability(model, np.array([first, *elsewhere]))

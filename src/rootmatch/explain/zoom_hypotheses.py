@@ -11,11 +11,17 @@ from rootmatch.explain.image_hypotheses import Candidate, select_determined
 from rootmatch.explain.likeness import symmetry_images
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.model.depth_reversal import reverse_depths
 from rootmatch.model.evidence import Evidence
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
-from rootmatch.model.proposals import Proposals, empty_proposals, join_proposals, look_alikes, refit_proposals
+from rootmatch.model.proposals import (
+    Proposals,
+    empty_proposals,
+    join_proposals,
+    look_alikes,
+    refit_proposals,
+    reverse_depths,
+)
 from rootmatch.model.zoom_model import ZoomModel, decode_zoom
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.descent import ROUGH_STEPS

@@ -9,8 +9,6 @@ from rootmatch.arrays import Bools, Integers
 
 WORD = 64
 """Bits of a word."""
-SET_BITS = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(axis=1, dtype=np.uint8)
-"""Number of bits that are set in each byte."""
 
 
 def pack_words(mask: Bools) -> NDArray[np.uint64]:
@@ -29,7 +27,7 @@ def clear_bits(words: NDArray[np.uint64], row: Integers, column: Integers) -> No
 def choose_bits(words: NDArray[np.uint64], most: int) -> tuple[Integers, Integers]:
     """Rows and columns (K,) of the true values of words (R, W), in order; a seeded selection of more than ``most``."""
     packed = words.view(np.uint8)
-    last = np.cumsum(SET_BITS[packed].sum(axis=1, dtype=np.int64))
+    last = np.cumsum(np.bitwise_count(words).sum(axis=1, dtype=np.int64))
     chosen = np.arange(total := int(last[-1]) if len(last) else 0)
     if total > most:
         chosen = np.sort(np.random.default_rng(1).choice(total, most, replace=False))

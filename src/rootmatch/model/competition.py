@@ -135,14 +135,10 @@ def _sort_by_gains(model: DetectionModel, modes: Modes, copies: Copies | None) -
     """Modes, the most probable first if the body may be of an exact shape, and clutter has strays in space."""
     if len(modes.log_mass) <= KEPT:
         return modes
-    gains = _log_gains(model, modes, _prediction_indices(model, modes), copies)
+    gains = stray_log_gains(model, modes, _prediction_indices(model, modes))
+    if copies is not None:
+        gains = gains + exact_shape_log_gains(model, modes, copies)
     return modes if np.ndim(gains) == 0 else modes.take(np.argsort(-(modes.log_mass + gains), kind="stable"))
-
-
-def _log_gains(model: DetectionModel, modes: Modes, of: Integers | None, copies: Copies | None) -> Floats | float:
-    """By how much the log-odds (M,) of modes change by strays in space, and as the body may be of an exact shape."""
-    gains = stray_log_gains(model, modes, of)
-    return gains if copies is None else gains + exact_shape_log_gains(model, modes, copies)
 
 
 def _prediction_indices(model: DetectionModel, modes: Modes) -> Integers | None:
@@ -172,9 +168,8 @@ def _copy_log_odds(model: DetectionModel, modes: Modes, uses: Bools, of: Integer
     places = np.array(prior.places)
     share = (places[:, None] == places) @ np.exp(prior.log_shares)  # of all that is followed in the place of each
     expected = mass - np.log(np.where(of >= 0, share[of], 1.0)) + math.log(COPY)
-    known = np.append(
-        (is_same_place(uses) & (of >= 0)).any(axis=1), False
-    )  # of what is followed, maybe in another pose
+    # of what is followed, maybe in another pose
+    known = np.append((is_same_place(uses) & (of >= 0)).any(axis=1), False)
     return _exclude_same_place(model, modes, together, np.where((of >= 0) & known[:, None], expected, as_copy))
 
 

@@ -186,7 +186,6 @@ def _assign_nearest_free(
     out, free, images = assignment.copy(), free.copy(), max(len(wide.images), 1)
     free[assignment[assignment >= 0]] = False
     of_points = wide.of_points(at)
-    assert of_points is not None
     for row in rows.tolist():
         own = free & (wide.image_indices == row // (wide.shape[0] // images))
         (which,) = (own if wide.allowed is None else own & wide.allowed[row]).nonzero()

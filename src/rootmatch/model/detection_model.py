@@ -36,8 +36,8 @@ from rootmatch.problems.pose_fit.reference_point import centre_points, pose_abou
 ANY_POSE = Broad()
 NONE, NO_ROWS = np.empty(0), np.empty((0, 0))
 """What a kernel gets in the place of None."""
-EXACT = ISOTROPIC = np.empty((0, 2, 2))
-"""Covariances of pixels by model points that are exact, as a kernel takes them, and of detections beyond their σ."""
+ISOTROPIC = np.empty((0, 2, 2))
+"""What covariances of detections have beyond their σ, as a kernel takes it: nothing."""
 HIGHEST_RATE = 0.999
 """Highest detection rate that is believed: beyond it, one hidden point would refute a pose."""
 USUAL_RATE = 0.9
@@ -161,11 +161,8 @@ class DetectionModel:
         if most != minimal or len(self.images) < 2:
             return most > minimal
         if self.normals is None:
-            n, shown = (
-                len(self.points) // len(self.images),
-                np.bincount(self.image_indices)[np.flatnonzero(counts == most)],
-            )
-            if count_triples(n, int(shown.min())) > triples:
+            shown = np.bincount(self.image_indices)[np.flatnonzero(counts == most)]
+            if count_triples(len(self.points) // len(self.images), int(shown.min())) > triples:
                 return False
         distinct = np.count_nonzero(used.reshape(len(self.images), -1).any(axis=0))
         return bool(distinct >= points and np.count_nonzero(used) >= minimal + MORE_SIGHTINGS)
@@ -250,13 +247,13 @@ class DetectionModel:
         return sigma if at.blob_variance is None else np.asarray(np.sqrt(sigma**2 + at.blob_variance))
 
     @once
-    def gating_arguments(self) -> tuple[Floats, Floats, Floats]:
-        """Detections (n', 2), σ (n',) on each axis at least, and what covariances (n', 2, 2) have beyond it."""
-        target, sigma, *_ = self.image_for_kernels
-        if self.target_covariance is None:
-            return target, sigma, ISOTROPIC
-        least = np.linalg.eigvalsh(self.target_covariance)[:, 0]
-        return target, np.sqrt(least), self.target_covariance - least[:, None, None] * np.eye(2)
+    def gating_image(self) -> tuple[Floats, ...]:
+        """What `rootmatch.model.compiled.gating.gate` takes of the image: with covariances, σ on each axis at least."""
+        (target, sigma, weights, *_), blur = self.image_for_kernels, ISOTROPIC
+        if self.target_covariance is not None:
+            least = np.linalg.eigvalsh(self.target_covariance)[:, 0]
+            sigma, blur = np.sqrt(least), self.target_covariance - least[:, None, None] * np.eye(2)
+        return target, sigma, blur, self.clutter.log_density, weights
 
     @once
     def log_areas(self) -> Floats:
@@ -277,13 +274,14 @@ class DetectionModel:
         own = self.target_covariance[image]
         return own if at.blob_variance is None else own + at.blob_variance[..., None, None] * np.eye(2)
 
-    def of_points(self, at: Linearised) -> Floats | None:
-        """Covariances (K, n, 2, 2) of the pixels by those of the model points and in blobs; None if exact."""
+    def of_points(self, at: Linearised) -> Floats:
+        """Covariances (K, n, 2, 2) of the pixels by those of the model points and in blobs; (K, 0, 2, 2) if exact."""
+        blobs = None if at.blob_variance is None else at.blob_variance[..., None, None] * np.eye(2)
         if self.source_covariance is None:
-            return None if at.blob_variance is None else at.blob_variance[..., None, None] * np.eye(2)
+            return np.empty((len(at.seen), 0, 2, 2)) if blobs is None else blobs
         by_point = at.by_position @ at.rotation[:, None]
         of_points = by_point @ self.source_covariance @ by_point.swapaxes(-1, -2)
-        return of_points if at.blob_variance is None else of_points + at.blob_variance[..., None, None] * np.eye(2)
+        return of_points if blobs is None else of_points + blobs
 
     def visibility(self, at: Linearised, tilt: Floats) -> Floats:
         """Visibility (K, n), 0 to 1, of each point in each pose; ``tilt`` (K,): its direction's deviation, rad."""
@@ -307,7 +305,7 @@ class DetectionModel:
 
     @once
     def scene_for_kernels(self) -> tuple[Any, ...] | None:
-        """What `rootmatch.model.compiled.settling.settle` takes; None where NumPy has a part in it."""
+        """What `rootmatch.model.compiled.settling.settle_hypotheses` takes; None where NumPy has a part in it."""
         if self._views is None or self.resolution:
             return None
         clutter, rates = self.clutter.for_kernels, (*self.rate_quadrature, self.noise_freedom)

@@ -31,7 +31,6 @@ LEAST, MOST = 2, 4
 else, but for one that was in place in the frames before, and four decide. Round values."""
 TOGETHER = 2048
 """Tracks that grow together. A round value; it bounds memory."""
-NOTHING = np.empty(0, np.int64)
 
 
 class Elsewhere(NamedTuple):
@@ -97,15 +96,17 @@ def _weigh_another(
         tracks |= zip(stale, place.grow_tracks(near, stale), strict=True)
         best = max(left, key=lambda k: tracks[k].worth)
         track, point = tracks[best], int(dark[best])
-        if len(track.rows) < 2:
+        (seeing,) = (track.detections >= 0).nonzero()
+        if len(seeing) < 2:
             break
         left.remove(best)
-        stale = [k for k in left if np.isin(tracks[k].detections, track.detections).any()]
-        near[..., track.detections] = False
-        own[0, track.rows], off[point] = track.detections, True
+        taken = track.detections[seeing]
+        stale = [k for k in left if np.isin(tracks[k].detections, taken).any()]
+        near[..., taken] = False
+        own[0, place.rows[seeing, best]], off[point] = taken, True
         turned = rotation[0]
         where = model.points[point] + turned.T @ track.step[6:]
-        seen.append(Elsewhere(where, turned.T @ track.spread[6:, 6:] @ turned, len(track.rows)))
+        seen.append(Elsewhere(where, turned.T @ track.spread[6:, 6:] @ turned, len(seeing)))
         wide = perturb_points(model, model.radius, np.tile(off, images))
         found, _ = settle_poses(wide, own, rotation, position)
         log_odds = float(found.log_odds[0]) - math.log(math.comb(n, count))
@@ -129,24 +130,14 @@ def _least(model: DetectionModel, dark: Integers) -> int:
 
 
 class _Track(NamedTuple):
-    """What a point may have in each image."""
+    """What a point may have in each of C images; what N points may have, (N, …)."""
 
-    worth: float
+    worth: Any
     """Log-odds against clutter."""
-    rows: Integers
     detections: Integers
+    """(C,), −1 for none."""
     step: Floats
-    """(9,) of pose and point, to where they are then, with their covariance."""
-    spread: Floats
-
-
-class _Tracks(NamedTuple):
-    """Of N points, as `_Track` of one."""
-
-    worth: Floats
-    detections: Integers
-    """(N, C) in each image; −1 for none."""
-    step: Floats
+    """(9,) of pose and point, to where they are then, with their covariance (9, 9)."""
     spread: Floats
 
 
@@ -177,7 +168,7 @@ class _Place:
 
     def grow_tracks(self, near: Bools, points: Sequence[int]) -> list[_Track]:
         """The likeliest detections of each of some points; ``near`` (C, D, n'): what `gate` tells."""
-        best = [_Track(-math.inf, NOTHING, NOTHING, np.zeros(9), self.spread) for _ in points]
+        best = [_Track(-math.inf, np.full(len(near), -1), np.zeros(9), self.spread)] * len(points)
         which, near = np.array(points, np.int64), near[:, points]
         elsewhere = near.any(axis=2).sum(axis=0) > 1
         image, number, detection = (near & elsewhere[:, None]).nonzero()
@@ -188,23 +179,17 @@ class _Place:
             for k in np.unique(number[some]).tolist():
                 one = int(np.where(number[some] == k, worth, -np.inf).argmax())
                 if worth[one] > best[k].worth:
-                    images = np.flatnonzero(told.detections[one] >= 0)
-                    rows, taken = self.rows[images, which[k]], told.detections[one, images]
-                    best[k] = _Track(float(worth[one]), rows, taken, told.step[one], told.spread[one])
+                    best[k] = _Track._make(part[one] for part in told)
         return best
 
-    def _grow_together(self, first: Integers, detections: Integers, points: Integers, near: Bools) -> _Tracks:
+    def _grow_together(self, first: Integers, detections: Integers, points: Integers, near: Bools) -> _Track:
         """What points (N,) have in each image in turn, as far as those before tell where they are.
 
         They begin in images ``first`` (N,) with detections (N,); ``near`` (C, N, n'): what they may have.
         """
         count, every = len(points), np.arange(len(points))
-        told = _Tracks(
-            np.zeros(count),
-            np.full((count, len(near)), -1),
-            np.zeros((count, 9)),
-            np.repeat(self.spread[None], count, axis=0),
-        )
+        spread = np.repeat(self.spread[None], count, axis=0)
+        told = _Track(np.zeros(count), np.full((count, len(near)), -1), np.zeros((count, 9)), spread)
         self._grow_by(told, (first, points, every), detections[:, None], np.ones((count, 1), np.bool_), least=-math.inf)
         for image in range(len(near)):
             own = np.flatnonzero(near[image].any(axis=1) & (first != image))
@@ -216,7 +201,7 @@ class _Place:
 
     def _grow_by(
         self,
-        told: _Tracks,
+        told: _Track,
         where: tuple[Integers, Integers, Integers],
         which: Integers,
         may: Bools,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rootmatch.algebra.rotation import turn_jacobian
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Integers
 from rootmatch.cameras.calibration_errors import calibration_jacobian
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import match_covariances
@@ -35,20 +35,12 @@ def errors_in_common(model: DetectionModel, assignment: Integers, fit: Pose) -> 
         by_errors = np.where(seen[:, None, None], by_errors, 0.0)
         taken = np.where(used[0], np.minimum(model.calibration_noise, model.sigma)[image[0]], 0.0)
         noise = group_by_point(np.repeat(taken[:, None, None], 2, axis=1), images)
-        parts.append(_of_calibration(gain, group_by_point(by_errors, images), noise))
+        # the fit took each detection to be off by itself, by as much as that may be
+        counted, changed = gain * noise.swapaxes(1, 2), gain @ group_by_point(by_errors, images)
+        parts.append(SharedErrors(changed.sum(axis=0), (counted @ counted.swapaxes(1, 2)).sum(axis=0)))
     if model.source_covariance is not None:
         by_points = rows, group_by_point(by_point, images)
         covariance = model.source_covariance[: len(spread)]
         parts.append(SharedErrors.of_points(fit.covariance, by_points, spread, covariance))
     each = np.concatenate([one.each for one in parts], axis=1)
     return SharedErrors(each, np.sum([one.counted for one in parts], axis=0))
-
-
-def _of_calibration(gain: Floats, by_errors: Floats, noise: Floats) -> SharedErrors:
-    """Those of the calibration: the fit took each detection to be off by itself, by as much as that may be.
-
-    ``gain`` (n, p, k): what detections change of the pose; ``by_errors`` (n, k, m): what errors change of detections;
-    ``noise`` (n, k, 1): standard deviations of detections that stand for these errors.
-    """
-    counted = gain * noise.swapaxes(1, 2)
-    return SharedErrors((gain @ by_errors).sum(axis=0), (counted @ counted.swapaxes(1, 2)).sum(axis=0))

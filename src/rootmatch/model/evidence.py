@@ -32,7 +32,7 @@ from rootmatch.problems.pose_fit.projection_model import group_by_point, shared_
 NOT_WHITE = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
 """What the kernel gets where each detection has a noise of its own alone."""
 ALL = math.inf, -math.inf, math.inf
-"""Which hypotheses are fitted, for `settle`: all of them."""
+"""Which hypotheses are fitted, for `settle_hypotheses`: all of them."""
 NOWHERE = np.empty((0, 3, 3)), np.empty((0, 3))
 """Room for poses that are not asked for."""
 STEEP = 0.5
@@ -168,7 +168,7 @@ def _settle_compiled(
     after: tuple[Floats, Floats] = NOWHERE,
     spread: tuple[Floats, Floats] | None = None,
 ) -> Evidence:
-    """What the compiled `settle` makes of hypotheses, in place: their evidence, and the images about their poses.
+    """What `settle_hypotheses` makes of hypotheses, in place: their evidence, and the images about their poses.
 
     ``spread``: in the place of `DetectionModel.spread_for_kernels`.
     """
@@ -196,7 +196,7 @@ def weigh_poses(
 def settle_poses(
     model: DetectionModel, assignments: Integers, rotation: Floats, position: Floats, prior: PoseDensity | None = None
 ) -> tuple[Evidence, Linearised]:
-    """`settled`, from poses (K, 3, 3) and (K, 3) of the body's centre."""
+    """As `settle_evidence`, from poses (K, 3, 3) and (K, 3) of the body's centre."""
     if (mixture := kernel_mixture(model, prior)) is None:
         return settle_evidence(model, assignments, *weigh_poses(model, assignments, rotation, position, prior), prior)
     at = image_room(model.shape[0], model.normals is not None, rotation, position)

@@ -152,9 +152,8 @@ def _log_gain_of_shape(
     rows, off = rows[:, :-2], rows[:, -2] - part[:, None] * rows[:, -1]
     precision = (rows.T / variance[:, None]) @ rows + np.diag(ridge)
     slope = (off / variance) @ rows
-    squared = (off**2 / variance).sum(axis=1) - (slope * np.linalg.solve(precision, slope[..., None])[..., 0]).sum(
-        axis=1
-    )
+    decrement = (slope * np.linalg.solve(precision, slope[..., None])[..., 0]).sum(axis=1)
+    squared = (off**2 / variance).sum(axis=1) - decrement
     every = log_student_factor(np.maximum(squared, 0.0), float(fit.dof[0]), NOISE_FREEDOM)
     every -= 0.5 * (np.log(variance).sum(axis=1) + np.linalg.slogdet(precision)[1])
     return np.asarray(every[:-1] - every[-1])

@@ -20,7 +20,6 @@ from rootmatch.frozen import amend
 from rootmatch.model.compiled.near_misses import fill_near_misses
 from rootmatch.model.detection_model import DetectionModel, log_count_odds
 from rootmatch.model.evidence import residual_statistics, settle_poses, settle_with_errors, weigh_assignments
-from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
 from rootmatch.model.prediction import HIDDEN, Settled, look_about, settle_assignment
 from rootmatch.model.priors import INEXACT, WRONG_MODEL
@@ -80,16 +79,17 @@ def alike_log_odds(model: DetectionModel, modes: Modes, k: int, taken: Bools | N
     return out if (out + LOG_PRIOR >= LEAST).any() else None
 
 
-def cache_answer(answer: Callable[..., Told], model: DetectionModel, mode: tuple[Any, ...], *more: Any) -> Told:
-    """What a function tells of a model, arrays of a mode and more, kept by their values: a search asks it again."""
-    key = answer, model.prior, *(one.tobytes() if isinstance(one, np.ndarray) else one for one in (*mode, *more))
+def cache_answer(answer: Callable[..., Told], model: DetectionModel, *given: Any) -> Told:
+    """What a function tells of a model and what is given, kept by the values of arrays: a search asks it again."""
+    every = [part for one in given for part in (one if isinstance(one, tuple) else (one,))]
+    key = answer, model.prior, *(one.tobytes() if isinstance(one, np.ndarray) else one for one in every)
     if key not in model.alike:
-        model.alike[key] = answer(model, mode, *more)
+        model.alike[key] = answer(model, *given)
     return model.alike[key]  # type: ignore[no-any-return]
 
 
 def residual_log_gains(given: float, residuals: tuple[float, float], freedom: float, errors: Floats) -> Floats:
-    """Log-odds (W,) that points are off by errors (W,), by `residuals_of` their matches alone, to first order.
+    """Log-odds (W,) that points are off by errors (W,), by `residual_statistics` of matches alone, to first order.
 
     ``given``: residuals by which σ is known; ``freedom``: degrees of freedom of the squared deviation.
     """
@@ -123,11 +123,9 @@ def perturb_points(model: DetectionModel, error: float, off: Bools | None = None
 
 def _exclude_detections(model: DetectionModel, taken: Bools) -> DetectionModel:
     """The model without the detections (n',) of other bodies."""
-    if (key := (taken.tobytes(),)) not in model.alike:
-        allowed = np.tile(~taken, (model.shape[0], 1)) if model.allowed is None else model.allowed & ~taken
-        of_pairs = "weights_of_pairs", "image_for_kernels", "scene_for_kernels"
-        model.alike[key] = amend(model, *of_pairs, "alike", allowed=allowed)
-    return model.alike[key]  # type: ignore[no-any-return]
+    allowed = np.tile(~taken, (model.shape[0], 1)) if model.allowed is None else model.allowed & ~taken
+    of_pairs = "weights_of_pairs", "image_for_kernels", "gating_image", "scene_for_kernels"
+    return amend(model, *of_pairs, "alike", allowed=allowed)
 
 
 def _near_miss_gains(
@@ -149,16 +147,12 @@ def _near_miss_gains(
 
 def _settle_alike(model: DetectionModel, mode: tuple[Any, ...], error: float, taken: Bools | None) -> float:
     """Log-odds of the body with points that are off, with all that is near them."""
-    wide = perturb_points(model if taken is None or not taken.any() else _exclude_detections(model, taken), error)
+    others = taken is not None and taken.any()
+    wide = perturb_points(cache_answer(_exclude_detections, model, taken) if others else model, error)
     known: dict[bytes, Settled] = {}
     assignments, rotation, position, (covariance,) = mode
-    at = cache_answer(_linearise, model, (rotation, position))  # the same for all errors
+    at = cache_answer(type(model).linearise_about, model, rotation, position)  # the same for all errors
     looked = look_about(wide, (rotation, position), covariance, at=at)
     settle_assignment(wide, (rotation, position), covariance, known=known, looked=looked)
     matched = weigh_assignments(wide, assignments, at)
     return max([float(matched.log_odds[0]), *(one.log_odds for one in known.values())])
-
-
-def _linearise(model: DetectionModel, pose: tuple[Floats, Floats]) -> Linearised:
-    """Images about poses (K, 3, 3) and (K, 3)."""
-    return model.linearise_about(*pose)

@@ -127,10 +127,8 @@ def joint_marginals(
         taken = taken[row[first]] + mine[mode[first]]
         chosen = np.concatenate([chosen[row[first]], mode[first, None]], axis=1)
         if len(value) > BEAM and following:
-            whole = value + log_left(taken > 0.5)
-            kept, more = thin_hypotheses(
-                whole - taken @ _largest_future_worth(uses[k + 1 :], masses[k + 1 :], count), BEAM
-            )
+            future = _largest_future_worth(uses[k + 1 :], masses[k + 1 :], count)
+            kept, more = thin_hypotheses(value + log_left(taken > 0.5) - taken @ future, BEAM)
             step = step.thinned(kept, more, len(value))
             value, taken, chosen = value[kept] + more, taken[kept], chosen[kept]
         steps.append(step)

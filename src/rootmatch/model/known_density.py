@@ -23,7 +23,6 @@ from rootmatch.model.pose_density import (
     ROTATIONS,
     TURNS,
     Broad,
-    Knowledge,
     Mixed,
     Mixture,
 )
@@ -35,7 +34,6 @@ from rootmatch.problems.pose_fit.reference_point import pose_about_point
 LEAST_SPREAD = 1e-4
 """Least standard deviation, in radians, of a vertical in a density over poses; in a combination of measurements it is
 `rootmatch.problems.pose_fit.pose_prior.LEAST_TILT`."""
-NOTHING = np.zeros((1, 3)), np.zeros((1, 3, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,22 +56,7 @@ class Known(Mixed):
     @once
     def for_kernels(self) -> Mixture:
         """See `rootmatch.model.pose_density.PoseDensity.for_kernels`."""
-        return NO_PREDICTIONS, Broad(self.radius).weigh_share(-math.inf), self._kernel_knowledge
-
-    def about(self, pose: Pose) -> Pose:
-        """The normal distribution that it is about a pose, to first order; very wide in what is not known."""
-        position = pose.t + pose.R @ self.centre
-        terms = self.terms(pose.R[None], position[None])
-        scale = np.sqrt(np.diag(terms.precision[0]))
-        covariance = np.linalg.inv(terms.precision[0] / np.outer(scale, scale)) / np.outer(scale, scale)
-        step = covariance @ terms.slope[0]
-        R = rotation_from_vector(step[None, :3])[0] @ pose.R
-        return Pose.unchecked(R, *pose_about_point(R, position + step[3:], covariance, -self.centre))
-
-    @property
-    def _kernel_knowledge(self) -> Knowledge:
-        """All of it in the form that kernels take."""
-        vector, matrix = NOTHING
+        vector, matrix = np.zeros((1, 3)), np.zeros((1, 3, 3))
         turn, down, place = self.prior.turn, self.prior.down, self.prior.place
         rotations, directions, places = (matrix, matrix), (vector, vector, np.zeros(1)), (vector, matrix, vector)
         log_density = -math.log(ROTATIONS)
@@ -93,7 +76,18 @@ class Known(Mixed):
             volume2 = (FIELD * math.log(DEPTHS)) ** (2.0 / 3.0) * reach2 / (2.0 * math.pi)
             precision, log_gain = _precision_and_gain(place[1], EXACT * math.sqrt(reach2), volume2)
             places, log_density = (t[None], precision, self.centre[None]), log_density + log_gain
-        return rotations, directions, places, np.array([log_density])
+        known = rotations, directions, places, np.array([log_density])
+        return NO_PREDICTIONS, Broad(self.radius).weigh_share(-math.inf), known
+
+    def about(self, pose: Pose) -> Pose:
+        """The normal distribution that it is about a pose, to first order; very wide in what is not known."""
+        position = pose.t + pose.R @ self.centre
+        terms = self.terms(pose.R[None], position[None])
+        scale = np.sqrt(np.diag(terms.precision[0]))
+        covariance = np.linalg.inv(terms.precision[0] / np.outer(scale, scale)) / np.outer(scale, scale)
+        step = covariance @ terms.slope[0]
+        R = rotation_from_vector(step[None, :3])[0] @ pose.R
+        return Pose.unchecked(R, *pose_about_point(R, position + step[3:], covariance, -self.centre))
 
 
 def _precision_and_gain(covariance: Floats, least: float, broad: float) -> tuple[Floats, float]:

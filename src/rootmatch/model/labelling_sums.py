@@ -18,13 +18,14 @@ from functools import cached_property
 
 import numpy as np
 
-from rootmatch.algebra.rotation import rotation_from_vector, rotation_vector
+from rootmatch.algebra.rotation import rotation_from_vector
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.matchings import sum_matchings_by_part
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.model.shown_regions import log_region_factor
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
+from rootmatch.problems.pose_fit.pose_prior import angle_count, turn_vectors
 
 SAMPLES = 128
 """Number of samples. A round value."""
@@ -199,8 +200,8 @@ def _pair_log_densities(
         variance = (motions.scale**2)[:, None] * clouds.source_variance[rows] + clouds.target_variance[columns]
         squared, log_volume = (off**2).sum(axis=2) / variance, size * np.log(variance)
     odds = -0.5 * (squared * exact[:, None] + log_volume + size * np.log(2.0 * np.pi / exact)[:, None])
-    if model.weights is not None:
-        odds += np.log(model.weights[rows, columns])
+    if model.log_weights is not None:
+        odds += model.log_weights[rows, columns]
     return np.asarray(odds)
 
 
@@ -208,7 +209,7 @@ def _sample_motions(fit: PointSetFit, share: Floats, rng: np.random.Generator) -
     """Motions (S,) about those of labellings, without any uncertainty of their own, and −log of their density."""
     which = rng.choice(len(share), SAMPLES, p=share)
     size = fit.shift.shape[1]
-    near, angles = fit.take(which), 3 if size == 3 else 1
+    near, angles = fit.take(which), angle_count(size)
     root = WIDER * np.linalg.cholesky(fit.covariance)
     step = (root[which] @ rng.normal(size=(SAMPLES, root.shape[1], 1)))[..., 0]
     turn, off = step[:, :angles], step[:, angles : angles + size]
@@ -225,10 +226,7 @@ def _sample_motions(fit: PointSetFit, share: Floats, rng: np.random.Generator) -
         spread=np.zeros_like(near.spread), total=np.full(SAMPLES, np.inf),
     )  # fmt: skip
     turns = rotation @ fit.rotation[:, None].swapaxes(2, 3)
-    if size == 3:
-        steps = [rotation_vector(turns.reshape(-1, 3, 3)).reshape(len(share), SAMPLES, 3)]
-    else:
-        steps = [np.arctan2(turns[:, :, 1, :1], turns[:, :, 0, :1])]
+    steps = [turn_vectors(turns.reshape(-1, size, size)).reshape(len(share), SAMPLES, angles)]
     moved = scale[:, None] * (fit.centre @ rotation.swapaxes(1, 2)).swapaxes(0, 1) + shift
     steps.append(moved - _transform_points(fit, fit.centre)[:, None])
     if fit.clouds.scaled:

@@ -107,7 +107,7 @@ def linearise_body(
 ) -> Linearised:
     """Images of a body in poses (K, 3, 3) with its centre at (K, 3).
 
-    ``body``: points (n, 3) about the centre, and normals (n, 3) or (0, 3); ``views``: `views_of` the camera.
+    ``body``: points (n, 3) about the centre, and normals (n, 3) or (0, 3); ``views``: of `kernel_camera_views`.
     """
     points, normals = body
     if views is None:
@@ -135,7 +135,7 @@ def image_room(n: int, with_normals: bool, rotation: Floats, position: Floats) -
 def _linearise_numpy(
     points: Floats, normals: Floats, camera: CameraModel, rotation: Floats, position: Floats
 ) -> Linearised:
-    """`linearised` for cameras that are not compiled."""
+    """`linearise_body` for cameras that are not compiled."""
     rotated = points @ rotation.swapaxes(-1, -2)
     places = rotated + position[:, None]
     with np.errstate(all="ignore"):

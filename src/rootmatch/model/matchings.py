@@ -62,7 +62,7 @@ def sum_matchings(log_odds: Floats, rows: Integers, columns: Integers, order: In
 
 
 def sum_matchings_by_part(log_odds: Floats, rows: Integers, columns: Integers, least: float) -> Matchings:
-    """As `matchings`, where many points have few detections near them: what has none in common is summed by itself.
+    """As `sum_matchings`, where many points have few detections near them: what has none in common is summed by itself.
 
     Its order is found, and the number of steps is bounded for each part.
     """
@@ -80,7 +80,7 @@ def sum_matchings_by_part(log_odds: Floats, rows: Integers, columns: Integers, l
 
 
 def _sum_any_size(log_odds: Floats, rows: Integers, columns: Integers, order: Integers, least: float) -> Matchings:
-    """As `matchings`, over assignments of any number of matches."""
+    """As `sum_matchings`, over assignments of any number of matches."""
     count, n = len(log_odds), len(order)
     highest = log_odds.max(axis=0)
     while True:

@@ -21,7 +21,7 @@ from rootmatch.hypergraph.assignment import are_targets_disjoint
 from rootmatch.model.blobs import assign_blobs
 from rootmatch.model.compiled.mode_changes import IMPOSSIBLE, likely_mode_changes, sum_over_changes
 from rootmatch.model.compiled.same_pose import ALIKE, is_same_pose
-from rootmatch.model.detection_model import EXACT, DetectionModel
+from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import (
     Evidence,
     kernel_mixture,
@@ -291,14 +291,14 @@ def _list_mode_changes(
     model: DetectionModel, mode: _Mode, at: Linearised
 ) -> tuple[Integers, Floats, Integers, Integers]:
     """The changes of a mode that are not negligible to first order in its pose, see `likely_mode_changes`."""
-    of_points, least = model.of_points(at), model.prior.least
-    _, _, log_weights, _, log_counts, image_of = model.image_for_kernels
+    least = model.prior.least
+    *_, log_counts, image_of = model.image_for_kernels
     may_lose = np.count_nonzero(mode.assignment >= 0) > least or least < LEAST  # one match is no mode, but is weighed
     found: tuple[Integers, Floats, Integers, Integers] = likely_mode_changes(
         mode.assignment,
-        (at.pixels[0], at.jacobian[0], EXACT if of_points is None else of_points[0].copy(), mode.visible, at.seen[0]),
+        (at.pixels[0], at.jacobian[0], model.of_points(at)[0], mode.visible, at.seen[0]),
         mode.covariance,
-        (*model.gating_arguments, model.clutter.log_density, log_weights, log_counts, image_of),
+        (*model.gating_image, log_counts, image_of),
         (math.nan if model.rate is None else model.rate, -NEGLIGIBLE, may_lose, WEIGHED, least),
     )
     return found

@@ -25,6 +25,7 @@ import numpy as np
 
 from rootmatch.algebra.rotation import angle_count, turn_jacobian
 from rootmatch.arrays import Floats, Integers
+from rootmatch.hypergraph.assignment import maximise_total
 from rootmatch.model.pose_density import ROTATIONS
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, squared_deviations
@@ -193,7 +194,7 @@ def fuse_with_known(fit: Pose, known: Pose | PosePrior) -> Pose:
     fit = _correct_scale_bias(fit)
     assert known.covariance is not None
     size = len(known.covariance)
-    # as `updated` takes it: were it the difference, each frame would add to the scale
+    # as `kalman_update` takes it: were it the difference, each frame would add to the scale
     longer = fit.scale * math.log(known.scale / fit.scale)
     off = np.array([*turn_vectors((known.R @ fit.R.T)[None])[0], *(known.t - fit.t), longer])[:size]
     return kalman_update(fit, np.eye(size), off, known.covariance)
@@ -238,20 +239,20 @@ def _has_scale(pose: Pose) -> bool:
 
 def _measure_offsets(known: Pose | PosePrior, fit: PointSetFit, box: Floats) -> _Off:
     """How far fitted motions are from what is known of them; ``box`` (3, 3): see `MotionPrior.log_factors`."""
-    dimension, angles = len(box), angle_count(len(box))
+    dimension, angles, back = len(box), angle_count(len(box)), fit.rotation.swapaxes(1, 2)
     turns = ROTATIONS ** (1.0 / 3.0) * np.eye(3) if dimension == 3 else 2.0 * math.pi * np.eye(1)
     fitted, shift = angles + dimension + fit.clouds.scaled, slice(angles, angles + dimension)
     if isinstance(known, Pose):
         assert known.covariance is not None
         size, scale = known.covariance.shape[-1], np.asarray(known.scale)
         longer, flat = (known.scale - fit.scale)[:, None], np.zeros((*scale.shape, *(angles + dimension + 1,) * 2))
-        off = np.concatenate([_turn_vectors(known.R, fit), known.t - fit.shift, longer], axis=1)[:, :size]
+        off = np.concatenate([turn_vectors(known.R @ back), known.t - fit.shift, longer], axis=1)[:, :size]
         flat[..., :angles, :angles], flat[..., shift, shift], flat[..., -1, -1] = turns, box, scale * RANGE_OF_LOG
         return _Off(off, np.eye(size, fitted), known.covariance, flat[..., :size, :size])
     parts = []
     if known.turn is not None:
         R, covariance = known.turn
-        parts.append(_Off(_turn_vectors(R, fit), np.eye(angles, fitted), covariance, turns))
+        parts.append(_Off(turn_vectors(R @ back), np.eye(angles, fitted), covariance, turns))
     elif known.down is not None:
         source, target, noise = known.down
         across = np.linalg.svd(target[None])[2][1:]  # axes of the turns that tilt it
@@ -261,23 +262,14 @@ def _measure_offsets(known: Pose | PosePrior, fit: PointSetFit, box: Floats) -> 
     if known.place is not None:
         t, covariance = known.place
         parts.append(_Off(t - fit.shift, np.eye(dimension, fitted, angles), covariance, box))
-    sizes = [len(one.covariance) for one in parts]
-    (whole, flat), begin = np.zeros((2, sum(sizes), sum(sizes))), 0
-    for one, size in zip(parts, sizes, strict=True):
-        own = slice(begin, begin + size)
-        whole[own, own], flat[own, own] = one.covariance, one.flat
-        begin += size
+    from scipy.linalg import block_diag  # slow to import
+
     return _Off(
         np.concatenate([one.off for one in parts], axis=1),
         np.concatenate([one.jacobian for one in parts]),
-        whole,
-        flat,
+        block_diag(*[one.covariance for one in parts]),
+        block_diag(*[one.flat for one in parts]),
     )
-
-
-def _turn_vectors(R: Floats, fit: PointSetFit) -> Floats:
-    """Rotation vectors (K, 3), or angles (K, 1), from fitted rotations to a known one."""
-    return turn_vectors(R @ fit.rotation.swapaxes(1, 2))
 
 
 def _tilt_vectors(now: Floats, target: Floats, across: Floats) -> Floats:
@@ -295,11 +287,7 @@ def _label_nearest(clouds: PointClouds, pose: Pose) -> Integers:
     squared = squared_deviations(off, spread)
     near = squared < GATE
     if (near.sum(axis=0) > 1).any() or (near.sum(axis=1) > 1).any():
-        from scipy.optimize import linear_sum_assignment  # slow to import, rarely needed
-
-        pairs = np.zeros_like(near)
-        pairs[linear_sum_assignment(np.minimum(squared, GATE))] = True
-        near &= pairs
+        return maximise_total(np.maximum(GATE - squared, 0.0), 0.0)
     one = np.full(len(squared), -1, np.int64)
     rows, columns = np.nonzero(near)
     one[rows] = columns

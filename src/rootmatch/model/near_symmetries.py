@@ -103,14 +103,6 @@ def neighbour_tolerance(points: Floats) -> Floats:
     return np.asarray(DISTINCT * np.partition(distance, 1, axis=1)[:, 1])
 
 
-def near_symmetric_motions(source: Floats, normals: Floats | None, most: int) -> list[tuple[Floats, Floats]]:
-    """Motions (R, t), x' = R x + t, that map a quarter of a body's points onto others, those that map most first.
-
-    See `find_symmetries`.
-    """
-    return [(found.rotation, found.shift) for found in find_symmetries(source, normals)[:most]]
-
-
 def find_symmetries(
     source: Floats,
     normals: Floats | None,

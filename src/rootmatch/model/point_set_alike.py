@@ -135,12 +135,7 @@ def _weigh_width(
     """
     checkpoint()
     wide = replace(model, repeated=model.clutter, clouds=model.clouds.off_by(width))
-    labels = found.fit.assignments
-    for _ in range(ROUNDS):
-        before, labels = labels, grow_labellings(wide.clouds, labels, model.mirror, model.allowed)
-        if np.array_equal(before, labels):
-            break
-    judged = wide.judged(labels)
+    judged = wide.judged(grow_about(wide, found.fit.assignments, model.allowed))
     best = judged.take(np.argsort(-judged.log_odds, kind="stable")[: 2 * RIVALS])
     labels, first = best.fit.assignments, found.fit.assignments[0]
     fewer = np.minimum((labels >= 0).sum(axis=1), int((first >= 0).sum()))
@@ -148,6 +143,15 @@ def _weigh_width(
     labels = np.concatenate([labels, rivals.fit.assignments])  # which have all that is matched
     more, own = _weigh_target_parts(wide, labels, parts)
     return float(np.logaddexp.reduce(best.log_odds)), float(best.log_odds[apart].max(initial=-np.inf)), more, own
+
+
+def grow_about(model: PointSetModel, labels: Integers, allowed: Bools | None) -> Integers:
+    """Labellings (K, n) with those of what is near their motions, as long as that finds more."""
+    for _ in range(ROUNDS):
+        before, labels = labels, grow_labellings(model.clouds, labels, model.mirror, allowed)
+        if np.array_equal(before, labels):
+            break
+    return labels
 
 
 def _is_near_unmatched(rivals: Judged, distance: float) -> Bools:

@@ -75,7 +75,7 @@ def judge_jointly(models: Sequence[PointSetModel], named: Sequence[Sequence[Inte
         assignments[place] = some
     prior = stack_priors([model.prior for model in models], [len(one) for one in every])
     clouds = concatenate_clouds([model.clouds for model in models])
-    whole = replace(models[0], clouds=clouds, allowed=None, weights=None, prior=prior)
+    whole = replace(models[0], clouds=clouds, allowed=None, log_weights=None, prior=prior)
     fit = whole.fit(assignments)
     factors = None if prior is None else whole.log_factors(fit, bodies)
     judged = []

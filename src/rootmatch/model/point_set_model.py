@@ -90,8 +90,8 @@ class PointSetModel:
         Whether the motion may be a reflection.
     allowed : (n, n') bool array, optional
         Possible correspondences.
-    weights : (n, n') array, optional
-        Prior probabilities of the correspondences, up to a common factor.
+    log_weights : (n, n') array, optional
+        Logarithms of the prior probabilities of the correspondences, up to a constant.
     detection_rate : float, optional
         Probability that a point of the source is among the targets; unknown by default.
     prior : MotionPrior, optional
@@ -107,7 +107,7 @@ class PointSetModel:
     clouds: PointClouds
     mirror: bool = False
     allowed: Bools | None = None
-    weights: Floats | None = None
+    log_weights: Floats | None = None
     detection_rate: float | None = None
     prior: MotionPrior | None = None
     present: float = PRESENT
@@ -163,8 +163,10 @@ class PointSetModel:
         # what was matched, as clutter that may crowd about points of which nothing was detected
         log_clutter = self.clutter.log_density_of_taken(taken, self.clutter_about_points(fit, fit.assignments < 0))
         odds = self.log_density(fit) - self.log_volume + self.log_counts[matched] - log_clutter
-        odds = odds + self._log_weights(assignments) + self._log_odds_of_lacking(fit, taken)
-        return Judged(fit, np.asarray(odds + total), known, held)
+        if self.log_weights is not None:
+            each = self.log_weights[np.arange(assignments.shape[1]), assignments]
+            odds = odds + np.where(assignments >= 0, each, 0.0).sum(axis=1)
+        return Judged(fit, np.asarray(odds + self._log_odds_of_lacking(fit, taken) + total), known, held)
 
     def judge_one(self, assignment: Integers) -> Judged:
         """The same of one assignment (n,), for which several stages ask."""
@@ -266,7 +268,7 @@ class PointSetModel:
 
     @cached_property
     def _clutter_box(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """See `count_view_angles`."""
+        """See `box_edges`."""
         clouds = self.clouds
         return box_edges(clouds.target, clouds.target_variance, len(clouds.source))
 
@@ -296,9 +298,8 @@ class PointSetModel:
         (near,) = self.clutter_about_points(one, np.ones((1, n), np.bool_))
         gains += gained - self.clutter.log_density_of_each(used_mask(one.assignments, n_target)[0], near)
         gains += np.where(own, counts[matched] - counts[matched - 1], more)[:, None]
-        if self.weights is not None:
-            with np.errstate(divide="ignore"):
-                gains += np.log(self.weights)
+        if self.log_weights is not None:
+            gains += self.log_weights
         if self.allowed is not None:
             gains[~self.allowed] = -np.inf
         gains[places] = np.maximum(gains[places], -1e9)
@@ -310,14 +311,6 @@ class PointSetModel:
         n, n_target = len(self.clouds.source), len(self.clouds.target)
         counts = _log_counts(n, n_target, self.detection_rate)
         return np.asarray(counts - self.log_hidden_clutter(np.arange(len(counts))))
-
-    def _log_weights(self, assignments: Integers) -> Floats:
-        """Sum (K,) of the logarithms of the prior weights of an assignment's matches."""
-        if self.weights is None:
-            return np.zeros(len(assignments))
-        with np.errstate(divide="ignore"):
-            log = np.log(self.weights)
-        return np.asarray(np.where(assignments >= 0, log[np.arange(len(log)), assignments], 0.0).sum(axis=1))
 
 
 @lru_cache(maxsize=64)

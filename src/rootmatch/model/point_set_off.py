@@ -15,15 +15,14 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.image_alike import ERRORS, LEAST, LOG_PRIOR, REACH, SEEN, residual_log_gains
+from rootmatch.model.point_set_alike import grow_about
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.model.weighed_labellings import MIRRORED, reflected_log_odds
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 from rootmatch.problems.pose_fit.reference_point import body_radius
-from rootmatch.samplers.point_sets.congruent import grow_labellings, reflected_labellings
+from rootmatch.samplers.point_sets.congruent import reflected_labellings
 
-ROUNDS = 3
-"""Rounds in which a labelling is fitted and takes what is near its motion. A round value."""
 MORE = 5.0
 """Log-odds by which fits may gain more than is foreseen: of 106 labellings 4.3 at most (benchmarks/flights.py, vehicle,
 and the point sets of benchmarks/together.py, seeds from 1000). A round value; it bounds time."""
@@ -53,12 +52,7 @@ def log_odds_of_errors(
     out = np.full(len(errors), -np.inf)
     for k in np.flatnonzero(float(judged.log_odds[0]) - log_mass + most + MORE + LOG_PRIOR >= LEAST).tolist():
         wide = replace(model, repeated=model.clutter, clouds=clouds.off_by(np.full(len(assignment), errors[k])))
-        labels, before = assignment[None], 0
-        for _ in range(ROUNDS):
-            if len(labels) == before:  # nothing new was near
-                break
-            before, labels = len(labels), grow_labellings(wide.clouds, labels, model.mirror, allowed)
-        out[k] = wide.judged(labels).log_odds.max() - log_mass
+        out[k] = wide.judged(grow_about(wide, assignment[None], allowed)).log_odds.max() - log_mass
     return out if np.isfinite(out).any() else None
 
 

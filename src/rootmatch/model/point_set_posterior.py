@@ -105,11 +105,9 @@ class PointSetPosterior:
         """Probability (n,) that each point's match, or its lack of one, is right; and that it has none."""
         first, odds = self.assignments[0], self._odds
         same = np.isfinite(odds)
-        change = self.assignments[same] != first
-        away = 1.0 + (odds[same, None] * change).sum(axis=0)
-        none = ((self.assignments[same] < 0) * np.where(np.arange(same.sum()) == 0, 1.0, odds[same])[:, None]).sum(
-            axis=0
-        )
+        change, to_first = self.assignments[same] != first, np.append(1.0, odds[same][1:])[:, None]
+        away = 1.0 + (to_first * change).sum(axis=0)
+        none = (to_first * (self.assignments[same] < 0)).sum(axis=0)
         own, without = 1.0 / away, none / away
         if self._own_sums is not None:
             sums, _, more = self._own_sums
@@ -189,7 +187,7 @@ class PointSetPosterior:
 def weigh_point_set_posterior(
     model: PointSetModel, proposals: Judged, mirrored: Integers | None = None
 ) -> PointSetPosterior:
-    """The posterior of proposed labellings, their neighbours by one change, and clutter alone; see `weighed`."""
+    """The posterior of what `weigh_labellings` tells of proposed labellings, and of clutter alone."""
     found = weigh_labellings(model, proposals, mirrored)
     if not len(found.assignments):
         return PointSetPosterior(found.assignments, found.log_mass)

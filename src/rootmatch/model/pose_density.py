@@ -284,8 +284,9 @@ class Doubted(Mixed):
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
         log_doubt, every = math.log(self.doubt), list[Knowledge]()
-        normal = [(one, share) for one, share in self._weighted_predictions if isinstance(one, Gaussian)]
-        others = [(one, share) for one, share in self._weighted_predictions if not isinstance(one, Gaussian)]
+        predicted = list(zip(self.predictions, self.log_shares, strict=True))
+        normal = [(one, share) for one, share in predicted if isinstance(one, Gaussian)]
+        others = [(one, share) for one, share in predicted if not isinstance(one, Gaussian)]
         for one, share in [*others, (self.without, log_doubt)]:
             rotations, directions, places, peaks = one.for_kernels[2]
             if len(peaks):
@@ -293,11 +294,6 @@ class Doubted(Mixed):
         any_turn, field, depth, log_share, radius = self.without.for_kernels[1]
         broad = any_turn, field, depth, log_share + log_doubt, radius
         return pack_predictions(normal, radius), broad, _concatenate_knowledge(every) if every else NO_KNOWLEDGE
-
-    @property
-    def _weighted_predictions(self) -> list[tuple[Mixed, float]]:
-        """The predictions with their shares."""
-        return list(zip(self.predictions, self.log_shares, strict=True))
 
 
 def _log_mass(freedom: float) -> float:

@@ -145,7 +145,7 @@ class Posterior:
     def believe(self, min_probability: float, lit: Floats | float = 1.0) -> Believed | None:
         """The first assignment without its doubtful matches; None if its pose has not the least probability.
 
-        If that is p and the pose's P, its `surest` matches are known with 1 − p / P. ``lit`` (n,) is the probability
+        If that is p and the pose's P, its `surest_matches` are known with 1 − p / P. ``lit`` (n,) is the probability
         that a point is lit, given that its blob has the detection.
         """
         if not len(self.probabilities):

@@ -20,7 +20,7 @@ from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.model.compiled.gating import gate
 from rootmatch.model.compiled.looking import follow_gates
 from rootmatch.model.compiled.updates import choose_pairs, fill_explained, update_with_each
-from rootmatch.model.detection_model import EXACT, USUAL_RATE, DetectionModel
+from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
 from rootmatch.model.evidence import STEEP, Evidence, evidence_buffers, kernel_mixture, step_poses, weigh_assignments
 from rootmatch.model.linearised import Linearised, image_room
 from rootmatch.model.pose_density import Gaussian
@@ -226,7 +226,7 @@ def look_about(
     if (prior := kernel_mixture(model)) is None or model.has_covariances:
         at = at or model.linearise_about(*pose)
         visible = model.visibility(at, np.array([_direction_sigma(covariance)]))[0]
-        gate((*_image_arguments(model, at), visible), np.array(covariance), gating_image(model), limits, gated)
+        gate((*_image_arguments(model, at), visible), np.array(covariance), model.gating_image, limits, gated)
         return Looked(at, visible, gated[0], settled=[], last=gated[2], about=at)
     at = image_room(n, model.normals is not None, *(one.repeat(rounds + 1, axis=0) for one in pose))
     found, rows = evidence_buffers(rounds, n), np.empty((rounds, n), np.int64)
@@ -243,13 +243,7 @@ def look_about(
 
 def _image_arguments(model: DetectionModel, at: Linearised) -> tuple[Floats, Floats, Floats]:
     """Pixels (n, 2) of the points in one pose, their Jacobian (n, 2, 6), and covariances (n, 2, 2) if not exact."""
-    of_points = model.of_points(at)
-    return at.pixels[0], at.jacobian[0], EXACT if of_points is None else np.array(of_points[0])
-
-
-def gating_image(model: DetectionModel) -> tuple[Floats, ...]:
-    """Detections, their noise, the log-density of clutter, and the weights of matches, as `gate` takes them."""
-    return *model.gating_arguments, model.clutter.log_density, model.image_for_kernels[2]
+    return at.pixels[0], at.jacobian[0], model.of_points(at)[0]
 
 
 def _narrow_by_pairs(model: DetectionModel, looked: Looked, covariance: Floats) -> list[tuple[Floats, Floats]]:
@@ -257,7 +251,7 @@ def _narrow_by_pairs(model: DetectionModel, looked: Looked, covariance: Floats) 
     points = *_image_arguments(model, looked.at), (model.rate or USUAL_RATE) * looked.visible
     beams = [(np.zeros(6), np.array(covariance))]
     for _ in range(2):
-        every = [_kalman_updates(points, about, gating_image(model), looked.candidates) for about in beams]
+        every = [_kalman_updates(points, about, model.gating_image, looked.candidates) for about in beams]
         steps, spreads, scores = (np.concatenate(part) for part in zip(*every, strict=True))
         if not len(scores):
             break
@@ -290,16 +284,14 @@ def score_predictions(model: DetectionModel, at: Linearised, step: Floats, covar
 
     ``step`` (K, 6) and ``covariance`` (K, 6, 6): of the distributions of the poses, from those of ``at``.
     """
-    of_points, tilt = model.of_points(at), np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2) / 3.0)
-    chance = model.visibility(at, tilt)
+    chance = model.visibility(at, np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2) / 3.0))
     if model.rate:
         chance *= model.rate
     else:  # of many points that face the camera no more are seen than are detected
         shown = np.maximum(chance.sum(axis=1, keepdims=True), 1.0)
         chance *= np.minimum(USUAL_RATE, model.shape[1] / shown)
-    points = at.pixels, at.jacobian, EXACT[None] if of_points is None else np.array(of_points), chance
-    scores = np.empty(len(step))
-    fill_explained(points, (step, covariance), gating_image(model), scores)
+    points, scores = (at.pixels, at.jacobian, model.of_points(at), chance), np.empty(len(step))
+    fill_explained(points, (step, covariance), model.gating_image, scores)
     return scores
 
 

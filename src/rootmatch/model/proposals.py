@@ -1,4 +1,8 @@
-"""Poses that are proposed because nothing in the image excludes them: other minima of few matches, and look-alikes."""
+"""Poses that are proposed because nothing in the image excludes them: other minima of few matches, and look-alikes.
+
+From afar, what is nearly flat fits its image in two poses (Schweighofer & Pinz 2006), which meet where it faces the
+camera. A search need not meet both, and neither is a change of the other's assignment.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Bools, Floats, Integers, cache_by_identity, cache_by_values
 from rootmatch.model.compiled.few_poses import fill_minimal_poses
+from rootmatch.model.compiled.reversal import reverse_depth
 from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import STEEP, Evidence, settle_poses, weigh_poses
@@ -127,7 +132,7 @@ def fit_assignments(model: DetectionModel, assignments: Integers) -> tuple[Propo
 
 
 def rough_fits(model: DetectionModel, assignments: Integers) -> Proposals:
-    """As `fitted`, one step away from a minimal set."""
+    """As `fit_assignments`, one step away from a minimal set."""
     sets = solve_minimal_sets(model, assignments, assignments.shape[1])
     found, at = weigh_poses(model, *sets.proposals)
     order = np.lexsort((-found.log_odds, sets.of))
@@ -138,9 +143,18 @@ def rough_fits(model: DetectionModel, assignments: Integers) -> Proposals:
 
 
 def refit_proposals(model: DetectionModel, proposals: Proposals) -> tuple[Proposals, Evidence, Linearised]:
-    """Assignments at the best poses near their own; see `fitted`."""
+    """Assignments at the best poses near their own; see `fit_assignments`."""
     found, at = settle_poses(model, *proposals)
     return Proposals(proposals.assignments, at.rotation, at.position), found, at
+
+
+def reverse_depths(model: DetectionModel, proposals: Proposals) -> Proposals:
+    """The other poses that nearly flat points have from afar, with the same matches, for the camera that has most."""
+    assignments = np.array(proposals.assignments, np.int64)
+    poses = np.array(proposals.rotation, order="C"), np.array(proposals.position, order="C")
+    out = np.empty(poses[0].shape), np.empty(poses[1].shape)
+    reverse_depth(assignments, model.centred_body[0], poses, camera_frames(model.camera), out)
+    return Proposals(proposals.assignments, *out)
 
 
 def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Integers) -> Proposals:

@@ -10,6 +10,10 @@ Motions that may repeat the targets are those between rival motions of the objec
 probable with it by more than the number of motions that can be told apart, which is what it takes to name it. The
 source names those that it has itself: what is beside the object is like it as probably as not. So the model with
 repetitions is another one beside that without, and their evidence tells.
+
+A search ends with what explains most. Of an object that repeats itself that is where its image overlaps it most, and
+the right labelling may be more periods away than any that it found. So the motions between rivals also displace each of
+them, again and again: what else there is to choose from.
 """
 
 from __future__ import annotations
@@ -21,11 +25,15 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.deadline import checkpoint
 from rootmatch.model.clutter import MOST, STEPS, Clutter
 from rootmatch.model.compiled.crowds import fit_crowd_shares
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.priors import ALIKE
 from rootmatch.model.targets_box import bounding_box
+from rootmatch.problems.pose_fit.point_set_fit import FEWEST
+from rootmatch.samplers.point_sets.congruent import grow_labellings, label_by_motions
+from rootmatch.samplers.point_sets.motions import Motions
 
 RIVALS = 8
 """Most motions of the object between which repetitions are sought. A round value."""
@@ -40,6 +48,10 @@ TRIED = np.array([0.25, 0.5, 0.75, 0.9])[:, None, None, None]
 """Shares with which a repetition is tried."""
 PSEUDO, PSEUDO_REPEATED = 1.0, 0.1
 """Pseudo-counts of clutter without repetitions and of each of them, as of crowds in space."""
+DISPLACED = 64
+"""Most displaced labellings that are displaced again. A round value; it bounds time."""
+ROUNDS = 4
+"""Rounds in which labellings are displaced by the motions between them, as long as that finds more. A round value."""
 
 
 class Repeated(NamedTuple):
@@ -177,3 +189,45 @@ def _build_repetition(model: PointSetModel, rivals: Judged) -> tuple[Clutter, fl
     of_others = repeated.sum(axis=1) / (count - 1)
     more = replace(more, repeating=of_others * np.exp(-more.log_density))
     return more, -float(sum(named[one] for one in chosen)), -float(named[chosen[0]])
+
+
+def add_displaced(model: PointSetModel, proposals: Judged) -> Judged:
+    """Labellings with those that the motions between rivals make of them, as long as these are better than clutter."""
+    rivals = select_rival_motions(proposals, most=DISPLACED)
+    if len(rivals) < 2:
+        return proposals
+    first, last = _homogeneous_matrices(proposals.take(rivals[:1])), proposals.take(rivals)
+    known = set(map(bytes, proposals.fit.assignments))
+    for _ in range(ROUNDS):
+        checkpoint()
+        at = _homogeneous_matrices(last)
+        # those with the fewest matches in common reach twice as far in each round
+        away = at[np.unique([*range(min(len(at), RIVALS)), *range(max(len(at) - RIVALS, 0), len(at))])]
+        away = away @ np.linalg.inv(first)
+        away = np.concatenate([away, np.linalg.inv(away)])
+        more = _label_about(model, (away[:, None] @ at).reshape(-1, *first.shape[1:]))
+        more = more[[bytes(one) not in known for one in more]]
+        known.update(map(bytes, more))
+        judged = model.judged(more)
+        last = judged.take(select_rival_motions(judged, most=DISPLACED))
+        if not len(last.log_odds):
+            break
+        proposals = proposals.joined(last)
+    return proposals
+
+
+def _homogeneous_matrices(judged: Judged) -> Floats:
+    """The motions of labellings as matrices (K, k + 1, k + 1)."""
+    fit, size = judged.fit, judged.fit.rotation.shape[1]
+    whole = np.zeros((len(fit.scale), size + 1, size + 1))
+    whole[:, :size, :size] = fit.scale[:, None, None] * fit.rotation
+    whole[:, :size, size], whole[:, size, size] = fit.shift, 1.0
+    return whole
+
+
+def _label_about(model: PointSetModel, motions: Floats) -> Integers:
+    """Labellings (H, n) about motions, given as matrices."""
+    linear = motions[:, :-1, :-1]
+    scale = np.abs(np.linalg.det(linear)) ** (1.0 / linear.shape[1])
+    found = label_by_motions(model.clouds, [Motions(linear, motions[:, :-1, -1], scale)], model.allowed, FEWEST)
+    return grow_labellings(model.clouds, found, model.mirror, model.allowed)

@@ -29,6 +29,8 @@ TURNS = 64
 """Turns of a body with normals over which a mean is taken. A round value."""
 IN_SIGHT = (1.0 / 6.0, 0.5, 5.0 / 6.0)
 """Parts of a body that an edge or a window leaves in sight, equally probable: any point may be the first it hides."""
+SIGHT = np.array([1.0 - OCCLUDED, *[OCCLUDED / len(IN_SIGHT)] * len(IN_SIGHT)])
+"""Probabilities (H,) that all of it is in sight, and each of these parts."""
 FEW_TURNS = 8
 """Those that tell what is shown of a copy. A round value."""
 ANY = 10**9
@@ -67,8 +69,7 @@ class FewShown:
         some = 1.0 - np.prod(1.0 - visible, axis=1)  # what shows no point is not in view
         mean = float(rates @ np.exp(log_weights))
         each = np.concatenate([rates, mean * np.array(IN_SIGHT)])
-        hidden = np.full(len(IN_SIGHT), OCCLUDED / len(IN_SIGHT))
-        shares = np.concatenate([(1.0 - OCCLUDED) * np.exp(log_weights), hidden])
+        shares = np.concatenate([SIGHT[0] * np.exp(log_weights), SIGHT[1:]])
         chance = (visible.T[:, :, None] * each).reshape(len(self.counts), -1, len(visible) * len(each))
         cases = np.outer(some / some.sum(), shares).reshape(-1)
         odds, few = odds_of_few(chance, cases, self.counts, self.most)
@@ -94,11 +95,11 @@ class ShownOfCopy:
     def of(cls, model: DetectionModel, counts: Integers, matched: int, visible: float) -> ShownOfCopy:
         """That of a body with so many matches of its ``visible`` points, among the detections (C,) that it leaves."""
         visibility, most = _typical_visibility(model, FEW_TURNS), int(counts.max())
-        few, hidden = count_distributions(visibility, model.rate_quadrature[0], len(counts), most)
+        few = count_distributions(visibility, model.rate_quadrature[0], len(counts), most)
         some = 1.0 - np.prod(1.0 - visibility, axis=1)  # what shows no point is not in view
         told = rate_weights(model, np.array([matched]), np.array([visible]))[0]
         odds = (few * count_ways_to_own(counts, most)).cumsum(axis=0).reshape(*few.shape[:2], len(some), -1)
-        return cls(odds, np.outer(some / some.sum(), np.outer(told, hidden)))
+        return cls(odds, np.outer(some / some.sum(), np.outer(told, SIGHT)))
 
     def unmet_odds(self, most: Integers) -> float:
         """Odds, against clutter alone, that it shows no more than so many points (C,), but a minimal set in one image.
@@ -169,10 +170,10 @@ def count_ways_to_own(counts: Integers, most: int) -> Floats:
     return ways
 
 
-def count_distributions(visible: Floats, rates: Floats, images: int, most: int) -> tuple[Floats, Floats]:
-    """Probability (most + 1, C, S Q H) that 0, 1 … points of each image are detected, if something may hide the rest.
+def count_distributions(visible: Floats, rates: Floats, images: int, most: int) -> Floats:
+    """Probability (most + 1, C, S Q H) that 0, 1 … points of each image are detected, with any part in sight.
 
-    ``visible`` (S, C n): visibility in each pose; ``rates`` (Q,). With the probabilities (H,) of what is hidden.
+    ``visible`` (S, C n): visibility in each pose; ``rates`` (Q,); for the probabilities of the parts see `SIGHT`.
     """
     each = np.minimum((rates[:, None] * np.array((1.0, *IN_SIGHT))).reshape(-1), HIGHEST_RATE)
     few = np.zeros((most + 1, images, len(visible), len(each)))
@@ -183,8 +184,7 @@ def count_distributions(visible: Floats, rates: Floats, images: int, most: int) 
         more = own[:-1] * chance
         own *= 1.0 - chance
         own[1:] += more
-    hidden = np.array([1.0 - OCCLUDED, *[OCCLUDED / len(IN_SIGHT)] * len(IN_SIGHT)])
-    return few.reshape(most + 1, images, -1), hidden
+    return few.reshape(most + 1, images, -1)
 
 
 def _typical_visibility(model: DetectionModel, turns: int = TURNS) -> Floats:

@@ -21,7 +21,7 @@ from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
 from rootmatch.model.evidence import Evidence, weigh_assignments
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
-from rootmatch.model.prediction import GATE, HIDDEN, gating_image
+from rootmatch.model.prediction import GATE, HIDDEN
 from rootmatch.model.reweighed import Reweighed, reweigh_evidence
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
@@ -91,7 +91,7 @@ class _Off(NamedTuple):
         *gated, more = np.empty(self.model.shape, np.bool_), np.empty(self.model.shape), np.empty(n, np.int64)
         limits = GATE**2, self.model.rate or USUAL_RATE, HIDDEN
         points = pixels, np.zeros((n, 2, 6)), spread, np.where(used, 0.0, visible)
-        gate(points, np.zeros((6, 6)), gating_image(self.model), limits, (*gated, more))
+        gate(points, np.zeros((6, 6)), self.model.gating_image, limits, (*gated, more))
         gated[0][:, assignment[used]] = False
         assign_likeliest(*gated, more)
         (which,) = np.nonzero(more >= 0)

@@ -149,7 +149,8 @@ def _find_strays(
         left = np.flatnonzero(free[every_pair].all(axis=1))
         left = left[_nearest(every_pair[left])]
         pairs, places = every_pair[left], every_place[left]
-        rows = [_seen_about(model, pairs[some], places[some], free) for some in _slices(len(pairs))]
+        parts = [slice(k, k + TOGETHER) for k in range(0, len(pairs), TOGETHER)]
+        rows = [_seen_about(model, pairs[some], places[some], free) for some in parts]
         candidates, first = np.unique(np.concatenate([found.detections, *rows]), axis=0, return_index=True)
         several = np.count_nonzero(candidates >= 0, axis=1) > 1
         candidates, at = candidates[several], places[first[several]]
@@ -163,11 +164,6 @@ def _find_strays(
         before += len(chosen)
         free[candidates[chosen][candidates[chosen] >= 0]] = False
     return Strays(model, *(np.concatenate(parts) for parts in zip(*every, strict=True)))
-
-
-def _slices(count: int) -> list[slice]:
-    """Parts of so many places that are looked about at once."""
-    return [slice(k, k + TOGETHER) for k in range(0, count, TOGETHER)]
 
 
 def _choose(model: DetectionModel, detections: Integers, log_odds: Floats, before: int) -> Integers:

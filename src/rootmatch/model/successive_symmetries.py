@@ -39,20 +39,6 @@ class Succession(NamedTuple):
     image: Integers
     """(M, n) point at the place of each after the motion; −1 for none."""
 
-    def take(self, which: Integers) -> Succession:
-        """A subset of the motions."""
-        return Succession(self.rotation[which], self.shift[which], self.image[which])
-
-
-class Displacements(NamedTuple):
-    """Near symmetries of a body and what they are one after another, with how far each displaces it."""
-
-    motions: Succession
-    angle: Floats
-    """(M,) in radians."""
-    away: Floats
-    """(M,) distance by which the middle of the body is moved."""
-
 
 @cache_by_values(64)
 def compose_symmetries(source: Floats, normals: Floats | None) -> Succession:
@@ -93,8 +79,13 @@ def compose_symmetries(source: Floats, normals: Floats | None) -> Succession:
 
 @cache_by_identity(64)
 @cache_by_values(64)
-def list_displacements(source: Floats, normals: Floats | None, covariance: Floats | None) -> Displacements | None:
-    """All these motions of a body (n, 3), the near symmetries first; None if it has none, as most bodies."""
+def list_displacements(
+    source: Floats, normals: Floats | None, covariance: Floats | None
+) -> tuple[Succession, Floats, Floats] | None:
+    """All these motions of a body (n, 3), the near symmetries first; None if it has none, as most bodies.
+
+    With their angles (M,) in radians, and the distances (M,) by which the middle of the body is moved.
+    """
     found, further = find_symmetries(source, normals, covariance=covariance), compose_symmetries(source, normals)
     if not found:
         return None
@@ -102,7 +93,7 @@ def list_displacements(source: Floats, normals: Floats | None, covariance: Float
     motions = Succession(*map(np.concatenate, zip(own, further, strict=True)))
     middle, cosine = source.mean(axis=0), 0.5 * (np.einsum("mii->m", motions.rotation) - 1.0)
     away = np.linalg.norm(motions.rotation @ middle + motions.shift - middle, axis=1)
-    return Displacements(motions, np.arccos(np.clip(cosine, -1.0, 1.0)), away)
+    return motions, np.arccos(np.clip(cosine, -1.0, 1.0)), away
 
 
 def displacements_within(prior: Doubted, points: PointSets) -> Succession | None:
@@ -117,8 +108,9 @@ def displacements_within(prior: Doubted, points: PointSets) -> Succession | None
     if not spread:
         return None
     turn, shift = (2.0 * GATE * math.sqrt(max(one[k] + one[k + 1] + one[k + 2] for one in spread)) for k in (0, 3))
-    (within,) = ((every.angle < turn) & (every.away < shift)).nonzero()
-    return every.motions.take(within) if len(within) else None
+    motions, angle, away = every
+    (within,) = ((angle < turn) & (away < shift)).nonzero()
+    return Succession._make(one[within] for one in motions) if len(within) else None
 
 
 def propose_moved(

@@ -42,7 +42,7 @@ WIDTHS = np.array([4.0, 8.0, 16.0, 32.0, 64.0])
 Round values."""
 SAMPLES = 160
 """Samples of a round, at most. A round value."""
-FEWEST = 16
+FEWEST_SAMPLES = 16
 """Samples of a round of images with so many points that there are less than so many. A round value."""
 MOST_RATIOS = 1_000_000
 """Pairs of points times samples. A round value; it bounds time."""
@@ -85,7 +85,7 @@ def likeness_log_odds(told: TwoViewPosterior, centres: Centres, pairs: Pairs, se
         return -math.inf, 0.0
     rng = np.random.default_rng([seed, 18])
     counted, about = np.ones((1, model.shape[1])), _widen_centres(centres)
-    (first, widths), count = about, max(min(SAMPLES, MOST_RATIOS // max(len(pairs[0]), 1)), FEWEST)
+    (first, widths), count = about, max(min(SAMPLES, MOST_RATIOS // max(len(pairs[0]), 1)), FEWEST_SAMPLES)
     found = np.array([-math.inf])
     for k in range(ROUNDS):
         checkpoint()

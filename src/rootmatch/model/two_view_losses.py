@@ -14,10 +14,10 @@ import numpy as np
 from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.model.two_view_fit import fit_relative_poses, masked_median
+from rootmatch.model.two_view_fit import masked_median
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_posterior import likeliest_labellings
-from rootmatch.model.two_view_samples import likeliest_fits
+from rootmatch.model.two_view_samples import fit_likeliest
 from rootmatch.problems.points import mutual_nearest
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared_match_share
 
@@ -49,8 +49,7 @@ def log_loss_probability(model: TwoViewModel, assignments: Integers) -> Floats:
     """
     from scipy.special import betaln  # slow to import
 
-    fits = fit_relative_poses(model, assignments)
-    poses = fits.poses.take(likeliest_fits(model, fits, len(assignments)))
+    poses = fit_likeliest(model, assignments).poses
     used, taken = assignments >= 0, np.zeros((len(assignments), model.shape[1] + 1), np.bool_)
     np.put_along_axis(taken, assignments, True, axis=1)  # the last one by points without a match
     plane = poses.rotation + poses.translation[:, :, None] * _inverse_distances(model, poses, assignments)[:, None]
@@ -112,10 +111,7 @@ def displaced_labellings(model: TwoViewModel, pose: Relative, assignment: Intege
             break
         if not (shared_match_share(np.concatenate([assignment[None], kept]), one) > OTHER).any():
             kept = np.concatenate([kept, one[None]])
-    if not len(kept):
-        return kept
-    fits = fit_relative_poses(model, kept)
-    return likeliest_labellings(model, fits.take(likeliest_fits(model, fits, len(kept))))
+    return likeliest_labellings(model, fit_likeliest(model, kept)) if len(kept) else kept
 
 
 def _displacement_maps(model: TwoViewModel, pose: Relative, own: Integers, taken: Integers) -> Integers:

@@ -21,7 +21,7 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.model.matchings import Matchings, sum_matchings_by_part
 from rootmatch.model.priors import WRONG_MODEL
-from rootmatch.model.two_view_alike import FEWEST
+from rootmatch.model.two_view_alike import FEWEST_SAMPLES
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_posterior import FIRST, LEAST, MARGIN, MOST_RATIOS, TwoViewPosterior, possible_pairs
 from rootmatch.model.two_view_samples import Samples
@@ -147,10 +147,8 @@ def _draw_motion_samples(motion: Motion, rng: np.random.Generator) -> _Drawn:
     samples = Samples.joined([drawn for drawn, _, _ in told.parts])
     log_total = np.concatenate([sums.log_total for _, _, sums in told.parts])[chosen]
     samples, (n, n_target), k = samples.take(chosen), told.model.shape, motion.matches
-    log = log_total + n * np.log1p(-samples.rate) - float(gammaln(n_target + 0.5))
-    log += (
-        (n_target - 0.5) * np.log(samples.clutter) - samples.clutter - _log_gamma(samples.clutter, n_target - k + 0.5)
-    )
+    log, clutter = log_total + n * np.log1p(-samples.rate) - float(gammaln(n_target + 0.5)), samples.clutter
+    log += (n_target - 0.5) * np.log(clutter) - clutter - _log_gamma(clutter, n_target - k + 0.5)
     if told.model.detection_rate is None:
         log -= _log_dirichlet(np.stack([samples.rate, 1.0 - samples.rate]), np.array([k, n - k]) + 1.0)
     return _Drawn(samples, part[chosen], log)
@@ -184,7 +182,7 @@ def _weigh_motion_samples(
     rates = shares[:-1] / (shares[:-1] + shares[-1])
     whole = [one.samples._replace(rate=rate, clutter=clutter) for one, rate in zip(every, rates, strict=True)]
     rows, columns = pairs = possible_pairs(model)
-    first = np.arange(max(min(FIRST, MOST_RATIOS // max(len(rows), 1)), FEWEST))
+    first = np.arange(max(min(FIRST, MOST_RATIOS // max(len(rows), 1)), FEWEST_SAMPLES))
     likely = np.max([one.take(first).log_odds(model, pairs).max(axis=0) for one in whole], axis=0) > LEAST - MARGIN
     pairs = rows[likely], columns[likely]
     odds = np.logaddexp.reduce([one.log_odds(model, pairs) for one in whole])

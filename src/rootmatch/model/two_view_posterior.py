@@ -21,11 +21,10 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.assignment import maximise_total
-from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
-from rootmatch.model.matchings import Matchings, log_sum_of_enough, sum_matchings
+from rootmatch.model.matchings import FEWEST, Matchings, log_sum_of_enough, sum_matchings
 from rootmatch.model.priors import WRONG_MODEL, beta_quadrature
 from rootmatch.model.shown_in_part import odds_of_few
-from rootmatch.model.two_view_alike import FEWEST, likeness_log_odds
+from rootmatch.model.two_view_alike import FEWEST_SAMPLES, likeness_log_odds
 from rootmatch.model.two_view_fit import Fitted, drop_similar, fit_relative_poses
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import (
@@ -172,7 +171,7 @@ class TwoViewPosterior:
     def share(self, assignment: Integers) -> float:
         """Probability of an assignment (n,) if the images show the same points."""
         total, count = 0.0, np.count_nonzero(assignment >= 0)
-        if count < LEAST_MATCHES:
+        if count < FEWEST:
             return 0.0
         for _, weights, sums in self.parts:
             own = assignment[sums.rows] == sums.columns
@@ -221,7 +220,7 @@ def sample_two_view_posterior(
     rows, columns = possible = possible_pairs(model)
     centres = choose_centres(model, _fit_and_relabel(model, assignments[:NAMED]))
     checkpoint()
-    drawn = draw_samples(model, centres, max(min(FIRST, MOST_RATIOS // len(rows)), FEWEST), rng)
+    drawn = draw_samples(model, centres, max(min(FIRST, MOST_RATIOS // len(rows)), FEWEST_SAMPLES), rng)
     odds, base = _sample_log_odds(model, drawn, rows, columns)
     bound = base - log_proposal_density(model, centres, drawn) + _log_sum_bound(odds, rows)
     # the likeliest assignments of the first samples may have another pose

@@ -14,7 +14,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.priors import NOISE_FREEDOM
-from rootmatch.model.two_view_fit import Fitted
+from rootmatch.model.two_view_fit import Fitted, fit_relative_poses
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 
 POSES = 8
@@ -110,13 +110,14 @@ def fit_log_evidence(model: TwoViewModel, fits: Fitted) -> Floats:
     return np.asarray(value)
 
 
-def likeliest_fits(model: TwoViewModel, fits: Fitted, count: int) -> Integers:
-    """Rows (count,) of the fit of each of so many assignments that has the most evidence.
+def fit_likeliest(model: TwoViewModel, assignments: Integers) -> Fitted:
+    """The fit of each of some assignments (K, n) that has the most evidence.
 
     Epipolar planes alone do not tell a pose from one that has the points behind a camera.
     """
-    starts = len(fits.chi2) // count
-    return np.asarray(fit_log_evidence(model, fits).reshape(count, starts).argmax(axis=1) + starts * np.arange(count))
+    fits, count = fit_relative_poses(model, assignments), len(assignments)
+    every = fit_log_evidence(model, fits).reshape(count, -1)
+    return fits.take(every.argmax(axis=1) + every.shape[1] * np.arange(count))
 
 
 def _distances2(model: TwoViewModel, fits: Fitted, poses: Relative) -> Floats:
@@ -195,10 +196,9 @@ def log_pose_proposal_density(model: TwoViewModel, centres: Centres, poses: Rela
     steps, log_area = model.steps_to(fits.poses, poses)
     roots = WIDER * np.linalg.cholesky(fits.covariance)
     white = np.linalg.inv(roots) @ steps.swapaxes(-1, -2)
-    constant = (
-        math.lgamma(0.5 * (FREEDOM + size)) - math.lgamma(0.5 * FREEDOM) - 0.5 * size * math.log(FREEDOM * math.pi)
-    )
-    log = log_area - 0.5 * (FREEDOM + size) * np.log1p((white * white).sum(axis=1) / FREEDOM)
+    power = 0.5 * (FREEDOM + size)
+    constant = math.lgamma(power) - math.lgamma(0.5 * FREEDOM) - 0.5 * size * math.log(FREEDOM * math.pi)
+    log = log_area - power * np.log1p((white * white).sum(axis=1) / FREEDOM)
     share = np.log(counts[some] / counts.sum()) - np.log(np.einsum("caa->ca", roots)).sum(axis=1) + constant
     return log + share[:, None], some
 

@@ -21,7 +21,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.known_density import LEAST_SPREAD, Known
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Doubted, Gaussian, Mixed
-from rootmatch.model.shown_in_part import count_distributions, count_ways_to_own, positions_ahead, rate_weights
+from rootmatch.model.shown_in_part import SIGHT, count_distributions, count_ways_to_own, positions_ahead, rate_weights
 
 POSES = 32
 """Poses of a prediction over which a mean is taken. A round value."""
@@ -49,8 +49,6 @@ class ExpectedViews:
     """(m + 1, C, S Q H) probability that 0, 1 … points of each image are detected, see `count_distributions`."""
     weights: Floats
     """(S,) of the poses."""
-    sight: Floats
-    """(H,) probabilities of what is hidden as a whole."""
     tables: dict[bytes, Floats] = field(default_factory=dict)
 
     @classmethod
@@ -65,15 +63,15 @@ class ExpectedViews:
         weights = np.repeat(shares, POSES)
         in_view = weights * at.seen.any(axis=1)  # as a vague prediction hardly says: the body is asked for
         weights = in_view if in_view.any() else weights
-        few, sight = count_distributions(visible, model.rate_quadrature[0], max(len(model.images), 1), prior.least - 1)
-        views = prior.told["views"] = cls(few, weights / weights.sum(), sight)
+        few = count_distributions(visible, model.rate_quadrature[0], max(len(model.images), 1), prior.least - 1)
+        views = prior.told["views"] = cls(few, weights / weights.sum())
         return views
 
     def odds(self, left: Integers) -> Floats:
         """Odds (Q,) at each rate that no more are detected, with detections (C,) that each image has left."""
         if (key := left.tobytes()) not in self.tables:
             each = (count_ways_to_own(left, len(self.few) - 1) * self.few).sum(axis=0).prod(axis=0)
-            self.tables[key] = self.weights @ (each.reshape(len(self.weights), -1, len(self.sight)) @ self.sight)
+            self.tables[key] = self.weights @ (each.reshape(len(self.weights), -1, len(SIGHT)) @ SIGHT)
         return self.tables[key]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -45,7 +46,7 @@ def kernel_camera_views(camera: CameraModel) -> Views | None:
     if isinstance(camera, Camera):
         return _camera_views(camera)
     if isinstance(camera, Stereographic):
-        return _stack_views(((STEREOGRAPHIC, (1.0, 1.0, 0.0, 0.0, *camera.basis.ravel().tolist(), ANTIPODE)),))
+        return _stack_views([(STEREOGRAPHIC, (1.0, 1.0, 0.0, 0.0, *camera.basis.ravel().tolist(), ANTIPODE))])
     return None
 
 
@@ -85,29 +86,26 @@ def _unproject_camera(camera: CameraModel, target: Floats) -> Floats:
 
 @cache_by_identity(64)
 def _camera_views(camera: Camera) -> Views | None:
-    one = _camera_numbers(camera)
-    return (
-        None if one is None else _add_image_sizes(_stack_views((one,)), None if camera.size is None else (camera.size,))
-    )
+    return _views_of((camera,), None if camera.size is None else (camera.size,))
 
 
 @cache_by_identity(16)
 def _rig_views(rig: Rig) -> Views | None:
-    every = [_camera_numbers(camera) for camera in rig.cameras]
-    known = tuple(one for one in every if one is not None)
+    views = _views_of(rig.cameras, rig.sizes)
+    return None if views is None else views._replace(rotations=rig.rotations, translations=rig.translations)
+
+
+def _views_of(cameras: Sequence[CameraModel], sizes: Sequence[tuple[float, float]] | None) -> Views | None:
+    """Cameras in one place, with the sizes of their images if they are known; None if one is not compiled."""
+    every = [_camera_numbers(camera) for camera in cameras]
+    known = [one for one in every if one is not None]
     if len(known) < len(every):
         return None
-    return _add_image_sizes(
-        _stack_views(known)._replace(rotations=rig.rotations, translations=rig.translations), rig.sizes
-    )
-
-
-def _add_image_sizes(views: Views, sizes: tuple[tuple[float, float], ...] | None) -> Views:
-    """The same with the sizes of the images, if they are known."""
+    views = _stack_views(known)
     if sizes is None:
         return views
-    known = np.array(sizes, dtype=float)
-    return views._replace(sizes=known, rims=RIM * known[:, 0])
+    edges = np.array(sizes, dtype=float)
+    return views._replace(sizes=edges, rims=RIM * edges[:, 0])
 
 
 def _camera_numbers(camera: CameraModel) -> tuple[int, tuple[float, ...]] | None:
@@ -124,7 +122,7 @@ def _camera_numbers(camera: CameraModel) -> tuple[int, tuple[float, ...]] | None
     return None
 
 
-def _stack_views(every: tuple[tuple[int, tuple[float, ...]], ...]) -> Views:
+def _stack_views(every: Sequence[tuple[int, tuple[float, ...]]]) -> Views:
     """Views from one place and in one image."""
     count = len(every)
     numbers = np.zeros((count, NUMBERS))

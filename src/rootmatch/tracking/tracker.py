@@ -24,7 +24,7 @@ from rootmatch.explain.validation import join_camera_noise
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
-from rootmatch.model.near_symmetries import near_symmetric_motions
+from rootmatch.model.near_symmetries import find_symmetries
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.shared_errors import with_whole_covariance
@@ -118,7 +118,8 @@ max_evaluations
             each = {label: self.labels.points_of(k) for k, label in enumerate(self.labels.names)}
         for label, own in each.items():
             facing = None if normals is None else normals[own]
-            turns = near_symmetric_motions(points[own], facing, TURNS) if self._of_images else []
+            near = find_symmetries(points[own], facing)[:TURNS] if self._of_images else ()
+            turns = [(one.rotation, one.shift) for one in near]
             self._bodies[label] = FollowedBody(points[own], tracking, turns)
         self.reset()
 

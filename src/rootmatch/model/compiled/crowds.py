@@ -188,7 +188,7 @@ def fill_log_of_taken(taken, more, descents, log_density, out):  # type: ignore[
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def fill_given_densities(taken, more, descents, out):  # type: ignore[no-untyped-def]
-    """Density (c,) of each centre in parts of its own, see `rootmatch.model.clutter.Clutter.log_each`.
+    """Density (c,) of each centre in parts of its own, see `rootmatch.model.clutter.Clutter.log_density_of_each`.
 
     ``taken``, ``more`` (c,) and ``descents`` (c, c): as there; ``out`` (c,): filled.
     """

@@ -120,7 +120,7 @@ def image_buffers(n, with_normals):  # type: ignore[no-untyped-def]
 def gather_about(poses, sources, scene, limits, out):  # type: ignore[no-untyped-def]
     """As `gather`, from the poses: where the three points of one are turned away, as in most, no other has an image.
 
-    ``poses``: rotations (K, 3, 3) and positions (K, 3); ``scene``: as for `rootmatch.model.compiled.settling.settle`.
+    ``poses``: rotations (K, 3, 3) and positions (K, 3); ``scene``: of `DetectionModel.scene_for_kernels`.
     """
     poses, sources, scene, out = borrow((poses, sources, scene, out))
     body, views, (target, sigma, log_weights, view_cosine, _, image_of), clutter, _ = scene

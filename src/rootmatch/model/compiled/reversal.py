@@ -1,4 +1,4 @@
-"""Poses with their depth reversed, compiled: see `rootmatch.model.depth_reversal`."""
+"""Poses with their depth reversed, compiled: see `rootmatch.model.proposals`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def least_axis(matrix, axes, out):  # type: ignore[no-untyped-def]
 
 @part
 def fit_plane(points, assignment, scratch, centre, normal):  # type: ignore[no-untyped-def]
-    """Centre (3,) and normal (3,) of the plane nearest to the matched points: `starts.planes`, compiled."""
+    """Centre (3,) and normal (3,) of the plane nearest to the matched points: `starts.fit_planes`, compiled."""
     scatter, axes = scratch
     count = 0
     for p in range(3):
@@ -49,7 +49,7 @@ def fit_plane(points, assignment, scratch, centre, normal):  # type: ignore[no-u
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def reverse_depth(assignments, points, poses, views, out):  # type: ignore[no-untyped-def]
-    """Poses that look alike from the camera with most matches; in NumPy and of one camera: `starts.reflected`.
+    """Poses that look alike from the camera with most matches; in NumPy and of one camera: `starts.reflect_poses`.
 
     Parameters
     ----------
