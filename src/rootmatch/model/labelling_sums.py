@@ -19,13 +19,14 @@ from functools import cached_property
 import numpy as np
 
 from rootmatch.algebra.rotation import rotation_from_vector
+from rootmatch.algebra.rotation import angle_count
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.matchings import sum_matchings_by_part
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.model.shown_regions import log_region_factor
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
-from rootmatch.problems.pose_fit.pose_prior import angle_count, turn_vectors
+from rootmatch.problems.pose_fit.pose_prior import turn_vectors
 
 SAMPLES = 128
 """Number of samples. A round value."""
