@@ -18,8 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rootmatch.algebra.rotation import rotation_from_vector
-from rootmatch.algebra.rotation import angle_count
+from rootmatch.algebra.rotation import angle_count, rotation_from_vector
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.matchings import sum_matchings_by_part
 from rootmatch.model.point_set_model import PointSetModel
