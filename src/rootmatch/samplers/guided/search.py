@@ -216,8 +216,10 @@ class Search:
 
     def is_beyond_chance(self) -> bool:
         """Whether any hypothesis is beyond chance."""
-        evidence = max((float(batch.evidence.max(initial=-math.inf)) for batch in self.hypotheses), default=-math.inf)
-        return evidence > self._false_alarm_level()
+        return self._most_evidence() > self._false_alarm_level()
+
+    def _most_evidence(self) -> float:
+        return max((float(batch.evidence.max(initial=-math.inf)) for batch in self.hypotheses), default=-math.inf)
 
     refine, _try_rivals, _missed_among = refine_clusters, rivals.try_rivals, rivals.rival_miss_probability
 

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.algebra.rotation import triangle_frames
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import active_deadline
 from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.problems.points import PointClouds, distances, mutual_nearest
 from rootmatch.problems.pose_fit.point_set_fit import fit_point_sets
-from rootmatch.samplers.point_sets.motions import WIDE, Motions, concatenate_motions, fit_motions
+from rootmatch.samplers.point_sets.motions import WIDE, Motions, concatenate_motions, fit_motions, fit_triangles
 from rootmatch.samplers.point_sets.place_grid import PlaceGrid
 from rootmatch.samplers.point_sets.shown_parts import squared_areas
 from rootmatch.samplers.point_sets.triangles import TURNED, Triangles
@@ -179,16 +178,11 @@ def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bo
     first, second = clouds.source[source], clouds.target[target]
     if clouds.source.shape[1] == 2:
         return [fit_motions(first, second, clouds.scaled, mirror)]
-    centre, centre2 = first.mean(axis=1), second.mean(axis=1)
-    frame, frame2 = (np.nan_to_num(triangle_frames(one)) for one in (first, second))
-    scale = np.ones(len(first))
-    if clouds.scaled:
-        own, other = (((first - centre[:, None]) ** 2), ((second - centre2[:, None]) ** 2))
-        scale = np.sqrt(other.sum(axis=(1, 2)) / own.sum(axis=(1, 2)))
-    motions = []
-    for kind in (frame2, frame2 * (1.0, 1.0, -1.0))[: 1 + mirror]:
-        linear = scale[:, None, None] * kind @ frame.swapaxes(1, 2)
-        motions.append(Motions(linear, centre2 - (linear @ centre[:, :, None])[:, :, 0], scale))
+    motions = [fit_triangles(first, second, clouds.scaled, False)]
+    if mirror:
+        reflection = np.array([1.0, 1.0, -1.0])
+        of_image = fit_triangles(first * reflection, second, clouds.scaled, False)
+        motions.append(of_image._replace(linear=of_image.linear * reflection))
     return motions
 
 
@@ -201,12 +195,8 @@ def label_by_motions(
     explain no more than the triple that names them are of no account.
     """
     motions = concatenate_motions(kinds)
-    places, step = PlaceGrid(clouds, WIDE, allowed), max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
-    explained = np.zeros(len(motions.scale), np.int64)
-    for first in range(0, len(explained), step):
-        if first and active_deadline().passed():
-            break
-        part = slice(first, first + step)
+    places, explained = PlaceGrid(clouds, WIDE, allowed), np.zeros(len(motions.scale), np.int64)
+    for part in _parts(clouds, len(explained)):
         explained[part] = places.explained(motions.take(part))
     if least is None:
         least = 3 + int(explained.max(initial=0) > 6)
@@ -220,22 +210,28 @@ def label_by_motions(
 def _label_in_parts(
     clouds: PointClouds,
     count: int,
-    squares: Callable[[Integers], tuple[Floats, Floats]],
+    squares: Callable[[slice], tuple[Floats, Floats]],
     gate: float,
     allowed: Bools | None,
 ) -> Integers:
     """Labellings (H, n) by ``count`` motions, of the first of them where a deadline passes."""
-    step = max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
     every = [np.empty((0, len(clouds.source)), np.int64)]
-    for first in range(0, count, step):
-        if first and active_deadline().passed():
-            break
-        squared, variance = squares(np.arange(first, min(first + step, count)))
+    for part in _parts(clouds, count):
+        squared, variance = squares(part)
         deviation = squared / variance
         if allowed is not None:
             deviation[:, ~allowed] = np.inf
         every.append(mutual_nearest(deviation, gate**2))
     return np.concatenate(every)
+
+
+def _parts(clouds: PointClouds, count: int) -> Iterator[slice]:
+    """Parts of ``count`` motions between which the time is looked at, the first of them where a deadline passes."""
+    step = max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
+    for first in range(0, count, step):
+        if first and active_deadline().passed():
+            return
+        yield slice(first, first + step)
 
 
 def _distinct_labellings(parts: list[Integers], least: int) -> Integers:
