@@ -23,7 +23,7 @@ from rootmatch.samplers.two_views.covering_sets import CoveringSets
 from rootmatch.samplers.two_views.image_pieces import run_image_pieces
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
 from rootmatch.samplers.two_views.pose_refinement import DIMENSIONS, refine_poses
-from rootmatch.samplers.two_views.relative_hypothesis import OTHER, RelativeHypothesis
+from rootmatch.samplers.two_views.relative_hypothesis import OTHER, SAME, RelativeHypothesis
 from rootmatch.samplers.two_views.set_kernels import search_pairs, search_triples
 
 BLURS = (2.25, 1.0, 0.5, 0.25, 0.1)
@@ -172,17 +172,10 @@ class PoseSearch:
         spent = self.sets >= (TILTED_SETS if self.tilt2 > 0.0 else MOST_SETS) or self.solved >= self.budget
         return spent or self.cut or self.deadline.passed()
 
-    def _do_sets_agree(self) -> bool:
-        """Whether several minimal sets have led to the likeliest assignment."""
-        if not self.hypotheses:
-            return False
-        first = self.hypotheses[0]
-        led = {other.minimal_set for other in self.hypotheses if other.is_like(first)}
-        return len(led) >= AGREEING
-
     def _has_enough(self) -> bool:
-        """Whether the sets agree on a pose, and no other one that is beyond chance too can well have been missed."""
-        return self._do_sets_agree() and self._unmet_probability() <= (RIVALLED if self.repeated else MISSED)
+        """Whether several sets have led to the likeliest pose, and no other beyond chance can well have been missed."""
+        led = {one.minimal_set for one in self.hypotheses if one.shared(self.hypotheses[0]) >= SAME}
+        return len(led) >= AGREEING and self._unmet_probability() <= (RIVALLED if self.repeated else MISSED)
 
     def _chance_evidence(self) -> float:
         """Evidence that one of the poses tested reaches by chance."""
