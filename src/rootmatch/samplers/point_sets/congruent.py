@@ -9,12 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rootmatch.algebra.rotation import triangle_frames
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import active_deadline
 from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.problems.points import PointClouds, distances, mutual_nearest
 from rootmatch.problems.pose_fit.point_set_fit import fit_point_sets
-from rootmatch.samplers.point_sets.motions import WIDE, Motions, concatenate_motions, fit_motions, fit_triangles
+from rootmatch.samplers.point_sets.motions import WIDE, Motions, concatenate_motions, fit_motions
 from rootmatch.samplers.point_sets.place_grid import PlaceGrid
 from rootmatch.samplers.point_sets.shown_parts import squared_areas
 from rootmatch.samplers.point_sets.triangles import TURNED, Triangles
@@ -178,11 +179,16 @@ def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bo
     first, second = clouds.source[source], clouds.target[target]
     if clouds.source.shape[1] == 2:
         return [fit_motions(first, second, clouds.scaled, mirror)]
-    motions = [fit_triangles(first, second, clouds.scaled, False)]
-    if mirror:
-        reflection = np.array([1.0, 1.0, -1.0])
-        of_image = fit_triangles(first * reflection, second, clouds.scaled, False)
-        motions.append(of_image._replace(linear=of_image.linear * reflection))
+    centre, centre2 = first.mean(axis=1), second.mean(axis=1)
+    frame, frame2 = (np.nan_to_num(triangle_frames(one)) for one in (first, second))
+    scale = np.ones(len(first))
+    if clouds.scaled:
+        own, other = (((first - centre[:, None]) ** 2), ((second - centre2[:, None]) ** 2))
+        scale = np.sqrt(other.sum(axis=(1, 2)) / own.sum(axis=(1, 2)))
+    motions = []
+    for kind in (frame2, frame2 * (1.0, 1.0, -1.0))[: 1 + mirror]:
+        linear = scale[:, None, None] * kind @ frame.swapaxes(1, 2)
+        motions.append(Motions(linear, centre2 - (linear @ centre[:, :, None])[:, :, 0], scale))
     return motions
 
 
