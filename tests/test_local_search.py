@@ -17,7 +17,7 @@ from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.problems.padding import select_sources
 from rootmatch.samplers.guided import local_growth, local_search
 from rootmatch.samplers.guided.hypotheses import Hypotheses
-from rootmatch.samplers.guided.listed_triples import Ring, run_listed_tests
+from rootmatch.samplers.guided.listed_triples import run_listed_tests
 from rootmatch.samplers.guided.local_growth import PartialVerification
 from rootmatch.samplers.guided.local_search import MISSED, LocalSearch
 from rootmatch.samplers.guided.minimal_sets import nearest_other_points
@@ -87,12 +87,11 @@ def test_local_tests_are_those_of_all_images_that_are_near(visible: float) -> No
     points = np.ascontiguousarray(search._triples(level)[:6])
     others = nearest_other_points(points, search.neighbours)
     sets = prepare_sets(search.tables, points, others, np.zeros(len(points), np.int64))
-    near = np.ascontiguousarray(search.near[:, : level.images])
+    near = level.ring.near
     test = sequential_test(search.clutter, visible, 0, least=4, normals=False)
     assert (lookups_before_dropped(test, others.shape[1], 3) >= ALONG) == (visible < 0.5)
-    ring = Ring(np.arange(search.n_target), near)
     survivors, ratios, counts = run_listed_tests(
-        search.tables, search.grid, test, sets, ring, allowed=search.allowed, keep=500, chunks=2
+        search.tables, search.grid, test, sets, level.ring, allowed=search.allowed, keep=500, chunks=2
     )
     arrangements = target_arrangements(search.n_target, 2)
     every, every_ratios, _ = run_sequential_tests(
@@ -109,7 +108,7 @@ def test_local_tests_are_those_of_all_images_that_are_near(visible: float) -> No
         for row, ratio in zip(survivors.reshape(-1, 5).tolist(), ratios.reshape(-1), strict=True)
         if row[0] >= 0
     }
-    assert counts[:, 0].sum() == len(points) * level.cost
+    assert counts[:, 0].sum() == len(points) * level.ring.cost
     assert 0 < len(found) == len(of_images)
     assert found == pytest.approx(of_images, abs=1e-9)
 
@@ -177,7 +176,7 @@ def test_everything_tried_leaves_nothing_missed_by_the_reckoning() -> None:
     search.run()
     assert search.conclusive
     assert search.missed <= MISSED
-    met = [search._met(search._triples(level), level.images, search.best) for level in search.levels]
+    met = [search._met(search._triples(level), level.ring, search.best) for level in search.levels]
     assert search.shares.tolist() == met
     assert all(0.0 < share < 1.0 for share in met)
 

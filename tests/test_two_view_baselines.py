@@ -8,7 +8,7 @@ import pytest
 import rootmatch as rm
 from rootmatch.algebra.rotation import one_rotation_matrix, rotation_vector
 from rootmatch.problems.points import TwoViews
-from rootmatch.samplers.two_views.tilted_refinement import Tilted, refine_tilted
+from rootmatch.samplers.two_views.pose_refinement import DIMENSIONS, refine_poses
 
 CAMERA = rm.Camera(900, 900, 640, 480)
 
@@ -109,9 +109,10 @@ def test_refined_tilts_are_those_of_the_axes() -> None:
     judge = np.full(20, 0.1), np.ones((20, 20))
     pose = np.array([[np.cos(0.1), np.sin(0.1), *t, 0.1]])
     views = TwoViews(*bearings, variance, variance, False)
-    at = Tilted.of_sets(pose, np.zeros((1, 2)))
-    blurs = tilt**2, 0.2 * sigma**2
-    (ratios,), (found,) = refine_tilted(views, judge, at, tilt2=tilt**2, blurs=blurs, breadth2=0.2)
+    (ratios,), (found,) = tables = np.zeros((1, 20, 20)), np.zeros((1, 2))
+    scratch = np.zeros(40), np.zeros((3, 3)), np.zeros((DIMENSIONS, DIMENSIONS)), np.zeros(DIMENSIONS)
+    blurs = np.geomspace(tilt**2, 0.2 * sigma**2, 9)
+    refine_poses(views, judge, blurs, 0.2, tilt**2, 0, 1, pose, tables[1], tables[0], *scratch)
     np.testing.assert_allclose(found, (tilt, -tilt), atol=0.01)
     assert (ratios.argmax(axis=1) == np.arange(20)).sum() >= 18
 

@@ -127,7 +127,7 @@ def test_likelihood_ratio_is_a_density_over_that_of_clutter() -> None:
     around = np.sqrt(1.0 - z * z)
     density = 1.0 / (2.0 * np.pi * (1.0 - cosine))
     t = (1.0, 0.0, 0.0)
-    _, normal, across, forward, sine = epipolar_line(1.0, 0.0, t, (-0.1, 0.05, math.sqrt(1.0 - 0.0125)))
+    normal, across, forward, sine = epipolar_line(t, (-0.1, 0.05, math.sqrt(1.0 - 0.0125)))
     own = 0.005**2
     values = [
         likelihood_ratio(normal, across, forward, sine, x, y, w, own, 0.0, 1.0 / 0.15, 1.0 / density)

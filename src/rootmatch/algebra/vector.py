@@ -1,9 +1,11 @@
-"""Vectors in space as tuples of three numbers, for scalar kernels, which have no arrays."""
+"""Vectors in space as tuples of three numbers, for scalar kernels, which have no arrays; and rotations of them."""
 
 from __future__ import annotations
 
+import math
+
 from rootmatch.algebra.directions import tangent_basis_at
-from rootmatch.jit.decorators import scalar
+from rootmatch.jit.decorators import part, scalar
 
 
 @scalar
@@ -83,3 +85,21 @@ def symmetric_times(symmetric, v):  # type: ignore[no-untyped-def]
 
 
 tangent_basis = scalar(tangent_basis_at)
+
+
+@part
+def fill_tilted_rotation(turn, tilt, R):  # type: ignore[no-untyped-def]
+    """Rotation about y, and then about a horizontal vector by its length."""
+    c, s = math.cos(turn), math.sin(turn)
+    x, z = tilt[0], tilt[1]
+    angle2 = x * x + z * z
+    a, b = 1.0, 0.5
+    if angle2 > 1e-12:
+        angle = math.sqrt(angle2)
+        a, b = math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle2
+    # the rotation of (x, 0, z): 1 + a [v] + b [v]²
+    r00, r01, r02 = 1.0 - b * z * z, -a * z, b * x * z
+    r20, r21, r22 = b * x * z, a * x, 1.0 - b * x * x
+    R[0, 0], R[0, 1], R[0, 2] = r00 * c - r02 * s, r01, r00 * s + r02 * c
+    R[1, 0], R[1, 1], R[1, 2] = a * z * c + a * x * s, 1.0 - b * angle2, a * z * s - a * x * c
+    R[2, 0], R[2, 1], R[2, 2] = r20 * c - r22 * s, r21, r20 * s + r22 * c

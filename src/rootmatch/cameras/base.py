@@ -71,9 +71,10 @@ class CameraModel(ABC):
     def jacobian(self, points: ArrayLike) -> Floats:
         """Derivatives (…, 2, 3) of the detections of points (…, 3) in the camera frame by these points."""
 
-    @abstractmethod
     def axes(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
         """Rays (…, 3) of detections, of any length, and how such a ray moves with the detection, (…, 3, 2)."""
+        rays = self.bearings(pixels)
+        return rays, _tangent_axes(rays, self.jacobian(rays))
 
     def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike, rays: Floats | None = None) -> Floats:
         """Standard deviation in radians, on each of two axes across the ray, of pixels (m, 2) known to ``sigma`` px.
@@ -131,7 +132,7 @@ def image_membership(pixels: Floats, size: tuple[float, float]) -> Floats:
     return np.asarray(np.clip(0.5 + 0.5 * within / (RIM * size[0]), 0.0, 1.0))
 
 
-def tangent_axes(rays: Floats, jacobian: Floats) -> Floats:
+def _tangent_axes(rays: Floats, jacobian: Floats) -> Floats:
     """Derivatives (…, 3, 2) of unit rays (…, 3) by their pixels, from the derivatives (…, 2, 3) of pixels by rays."""
     gram = jacobian @ jacobian.swapaxes(-1, -2)
     a, b, d = gram[..., 0, 0], gram[..., 0, 1], gram[..., 1, 1]

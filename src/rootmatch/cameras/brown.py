@@ -106,17 +106,8 @@ class Brown(Lens):
                 settled = left <= EXACT * (1.0 + distance)
                 if settled.all():
                     break
-                determinant = slope[:, 0, 0] * slope[:, 1, 1] - slope[:, 0, 1] * slope[:, 1, 0]
-                step = (
-                    np.stack(
-                        [
-                            slope[:, 1, 1] * error[:, 0] - slope[:, 0, 1] * error[:, 1],
-                            slope[:, 0, 0] * error[:, 1] - slope[:, 1, 0] * error[:, 0],
-                        ],
-                        axis=1,
-                    )
-                    / determinant[:, None]
-                )
+                (a, b), (c, d), (x, y) = slope[:, 0].T, slope[:, 1].T, error.T
+                step = np.stack([d * x - b * y, a * y - c * x], axis=1) / (a * d - b * c)[:, None]
                 share = np.ones(len(plane))
                 for _ in range(HALVINGS):
                     moved = plane + share[:, None] * step

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rootmatch.arrays import Bools, Floats, Integers, as_floats, cache_by_values
-from rootmatch.cameras.base import CameraModel, check_deviation, tangent_axes
+from rootmatch.cameras.base import CameraModel, check_deviation
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
@@ -275,8 +275,7 @@ class Camera(CameraModel):
     def axes(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
         """Rays and their axes; see `CameraModel.axes`. Without a lens the rays end in the plane z = 1."""
         if self.lens is not None:
-            rays = self.bearings(pixels)
-            return rays, tangent_axes(rays, self.jacobian(rays))
+            return super().axes(pixels)
         rays = self._rays(pixels)
         axes = np.zeros((*rays.shape, 2))
         axes[..., 0, 0], axes[..., 1, 1] = 1.0 / self.fx, 1.0 / self.fy

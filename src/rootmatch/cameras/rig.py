@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rootmatch.arrays import Bools, Floats, as_floats, as_points, cache_by_identity
-from rootmatch.cameras.base import CameraModel, check_deviation, image_membership, tangent_axes
+from rootmatch.cameras.base import CameraModel, check_deviation, image_membership
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.vertical import warn_of_degrees
 from rootmatch.errors import InputError
@@ -203,16 +203,6 @@ class Rig(CameraModel):
             own = rows[:, 2] == k
             out[own] = camera.angular_noise(rows[own, :2], spread[own])
         return out
-
-    def axes(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
-        """Unit rays in the rig's frame and how they move with the pixels."""
-        rows = np.asarray(pixels, dtype=float)
-        rays, axes = self.bearings(rows), np.empty((len(rows), 3, 2))
-        for k, (camera, rotation) in enumerate(zip(self.cameras, self.rotations, strict=True)):
-            own = rows[:, 2] == k
-            seen = rays[own] @ rotation.T
-            axes[own] = rotation.T @ tangent_axes(seen, camera.jacobian(seen))
-        return rays, axes
 
     def chart(self, pixels: Floats, sigma: Floats) -> tuple[CameraModel, Floats, Floats]:
         """The images side by side; see `CameraModel.chart`."""

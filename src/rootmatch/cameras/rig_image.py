@@ -6,6 +6,7 @@ share the pose of the body in the rig, so what is written for one camera serves 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,10 +42,6 @@ class RigImage(CameraModel):
         """Unknown without the camera."""
         raise InputError("rig: give the camera of each pixel")
 
-    def axes(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
-        """Refused, as `bearings` is."""
-        return self.bearings(pixels), self.bearings(pixels)
-
     def to_camera_frame(self, positions: Floats, k: int) -> Floats:
         """Sightings (…, C n, 3) of the rig's frame that belong to camera k, in its frame, (…, n, 3)."""
         own = positions[..., k * self.count : (k + 1) * self.count, :]
@@ -52,27 +49,22 @@ class RigImage(CameraModel):
 
     def project(self, points: ArrayLike) -> Floats:
         """Pixels (…, C n, 2) of sightings (…, C n, 3)."""
-        positions = np.asarray(points, dtype=float)
-        parts = [
-            camera.project(self.to_camera_frame(positions, k)) + self.offsets[k]
-            for k, camera in enumerate(self.rig.cameras)
-        ]
-        return np.concatenate(parts, axis=-2)
+        return np.concatenate([camera.project(own) + self.offsets[k] for k, camera, own in self._own(points)], axis=-2)
 
     def sees(self, points: ArrayLike) -> Bools:
         """Whether each sighting (…, C n, 3) is seen by its camera."""
-        positions = np.asarray(points, dtype=float)
-        parts = [camera.sees(self.to_camera_frame(positions, k)) for k, camera in enumerate(self.rig.cameras)]
-        return np.concatenate(parts, axis=-1)
+        return np.concatenate([camera.sees(own) for _, camera, own in self._own(points)], axis=-1)
 
     def jacobian(self, points: ArrayLike) -> Floats:
         """Derivatives (…, C n, 2, 3) of their pixels by the sightings (…, C n, 3)."""
-        positions = np.asarray(points, dtype=float)
-        parts = [
-            camera.jacobian(self.to_camera_frame(positions, k)) @ self.rig.rotations[k]
-            for k, camera in enumerate(self.rig.cameras)
-        ]
+        parts = [camera.jacobian(own) @ self.rig.rotations[k] for k, camera, own in self._own(points)]
         return np.concatenate(parts, axis=-3)
+
+    def _own(self, points: ArrayLike) -> Iterator[tuple[int, CameraModel, Floats]]:
+        """The number of each camera, the camera, and those of the sightings (…, C n, 3) that are its own."""
+        positions = np.asarray(points, dtype=float)
+        for k, camera in enumerate(self.rig.cameras):
+            yield k, camera, self.to_camera_frame(positions, k)
 
     def from_centre(self, points: Floats) -> Floats:
         """Sightings (…, C n, 3), each as from the centre of its own camera."""

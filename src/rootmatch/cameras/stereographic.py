@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from rootmatch.algebra.directions import tangent_basis_at
 from rootmatch.arrays import Bools, Floats
-from rootmatch.cameras.base import CameraModel, tangent_axes
+from rootmatch.cameras.base import CameraModel
 
 ANTIPODE = 1e-12
 """1 + cosine to the axis below which a direction is opposite to it, and infinitely far away. Rounding; not tuned."""
@@ -24,22 +24,15 @@ class Stereographic(CameraModel):
 
     basis: Floats
     """(3, 3) rows: the two axes of the plane and the axis of the camera, orthonormal."""
+    dimension = 2
+    focal = 1.0
+    """Units of the plane per radian, on the axis."""
 
     @classmethod
     def about(cls, rays: Floats) -> Stereographic:
         """The chart of unit rays (m, 3) about the direction whose opposite is farthest from all of them."""
         x, y, z = widest_axis(rays).tolist()
         return cls(np.array([*tangent_basis_at(x, y, z), (x, y, z)]))
-
-    @property
-    def dimension(self) -> int:
-        """Two: the coordinates of a point of the plane."""
-        return 2
-
-    @property
-    def focal(self) -> float:
-        """Units of the plane per radian, on the axis: 1."""
-        return 1.0
 
     def bearings(self, pixels: ArrayLike) -> Floats:
         """See `CameraModel.bearings`."""
@@ -70,11 +63,6 @@ class Stereographic(CameraModel):
         out[..., 0, 0] += 2.0 / total[..., 0]
         out[..., 1, 1] += 2.0 / total[..., 0]
         return np.asarray(out @ self.basis)
-
-    def axes(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
-        """See `CameraModel.axes`."""
-        rays = self.bearings(pixels)
-        return rays, tangent_axes(rays, self.jacobian(rays))
 
 
 def widest_axis(rays: Floats) -> Floats:

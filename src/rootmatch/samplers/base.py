@@ -68,11 +68,6 @@ class SamplingTask:
         return np.ascontiguousarray(self.candidates, np.bool_)
 
     @property
-    def hyperedge_count(self) -> float:
-        """Estimated number of hyper-edges; exact where all correspondences are possible."""
-        return enumeration.estimated_count(*self.shape, self.order, self.candidates)
-
-    @property
     def sweep_cost(self) -> float:
         """What an exhaustive search costs, in hyper-edges: their number, but for a mask of few pairs."""
         return enumeration.sweep_cost(*self.shape, self.order, self.candidates)

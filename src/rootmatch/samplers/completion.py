@@ -123,7 +123,8 @@ class Completion:
         found = _unique_hyperedges(np.concatenate([rows for rows, _ in results]), shape)
         source, target = np.ascontiguousarray(found[:, :order]), np.ascontiguousarray(found[:, order:])
         tensor = tensor_of_hyperedges(task, source, target)
-        chance = max(1.0, float(tensor.weights.sum())) / max(task.hyperedge_count, 1.0)
+        every = enumeration.estimated_count(*shape, order, task.candidates)
+        chance = max(1.0, float(tensor.weights.sum())) / max(every, 1.0)
         return SampledTensor(tensor, evaluated + len(found), 1.0, chance)
 
     def _tasks_of_sets(self, tables: Any, n: int, order: int) -> list[tuple[Integers, Integers]]:

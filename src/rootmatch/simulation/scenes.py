@@ -17,6 +17,7 @@ from rootmatch.simulation.ingredients import (
     CUBE_SIDE,
     DOWN,
     Counts,
+    Pose,
     Streams,
     detect_points,
     draw_image,
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
     from rootmatch.problems.p3p.problem import P3P
     from rootmatch.problems.three_plus_one.problem import ThreePlusOne
     from rootmatch.problems.up2p.problem import UP2P
-
-Pose = tuple[Floats, Floats]
 
 
 @dataclass(frozen=True)

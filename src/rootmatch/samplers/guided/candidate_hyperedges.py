@@ -85,8 +85,8 @@ def sample_clusters(
     def chance() -> float:
         """Mean weight of random hyper-edges."""
         weighed()  # draws first, whoever asks first
-        drawn = random_hyperedges(task.shape, task.order, chance_samples, rng)
-        by_chance = cpu.residuals(task.tables, task.kind, *drawn)
+        source, target = (distinct_tuples(rng, chance_samples, count, task.order) for count in task.shape)
+        by_chance = cpu.residuals(task.tables, task.kind, source, target)
         # no sample is large enough to say that chance never agrees
         total = max(1.0, float(task.affinity.weights(by_chance[by_chance <= task.affinity.gate]).sum()))
         return total / chance_samples
@@ -187,10 +187,3 @@ def _draw_subsets(
         drawn = np.unique(drawn, axis=0)
     drawn = drawn[np.sort(rng.permutation(len(drawn))[:most])]
     return points[drawn], len(drawn) / every
-
-
-def random_hyperedges(
-    shape: tuple[int, int], order: int, count: int, rng: np.random.Generator
-) -> tuple[Integers, Integers]:
-    """Uniform hyper-edges (count, d), a quick draw for few of them."""
-    return distinct_tuples(rng, count, shape[0], order), distinct_tuples(rng, count, shape[1], order)

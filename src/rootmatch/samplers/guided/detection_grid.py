@@ -14,9 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.directions import tangent_basis_at
 from rootmatch.arrays import Floats, median
-from rootmatch.cameras.stereographic import widest_axis
+from rootmatch.cameras.stereographic import Stereographic
 from rootmatch.jit.decorators import driver, scalar
 
 NOBODY = -1
@@ -74,19 +73,6 @@ class DetectionGrid(NamedTuple):
     """Empty for a plane; its length is part of the type, so that neither map is compiled into code for the other."""
 
 
-def mean_basis(rays: Floats) -> Floats:
-    """Rows: two axes across the mean of the unit bearings (3, n'), and that mean; right-handed.
-
-    Where bearings lie all around, another direction takes the place of the mean, one with no bearing opposite to it.
-    """
-    mean = rays.sum(axis=1)
-    if mean @ mean <= 0.0 or float((mean @ rays).min()) < 0.0:
-        mean = widest_axis(np.ascontiguousarray(rays.T))
-    mean = mean / np.sqrt(mean @ mean)
-    x, y, z = mean.tolist()
-    return np.array([*tangent_basis_at(x, y, z), mean])
-
-
 def gate_factor(rays: Floats, gate: float) -> float:
     """Factor on a gate in radians where many of the bearings (3, n') lie within one, 1 where few do."""
     _, *longer = sorted((rays.max(axis=1) - rays.min(axis=1)).tolist())
@@ -106,7 +92,7 @@ def build_grid(rays: Floats, gate: float) -> DetectionGrid:
 
     Its density is `local_density`.
     """
-    basis = mean_basis(rays)
+    basis = Stereographic.about(rays.T).basis
     rotated = basis @ rays
     whole = not float(rotated[2].min()) > LEAST_COSINE
     positions = _equal_area(rotated) if whole else rotated[:2] / rotated[2]

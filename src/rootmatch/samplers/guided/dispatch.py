@@ -38,11 +38,6 @@ def has_listed(tables: Any) -> bool:
     return kernels is not None and kernels.listed is not None
 
 
-def set_coordinates(tables: Any, sets: Any, others: Any) -> Any:
-    """Coordinates of the other points and the normals of sets; see `HypothesisKernels`."""
-    return hypothesis_kernels(tables).coordinates(tables, sets, others)
-
-
 # see `HypothesisKernels`
 solve_set = dispatch_to_kernel(hypothesis_kernels, "solve")
 set_known = dispatch_to_kernel(hypothesis_kernels, "known")

@@ -137,7 +137,7 @@ def _test_some(  # type: ignore[no-untyped-def]
     tick = 0
     for chunk in range(bounds.size - 1):
         start, end = max(bounds[chunk], first), min(bounds[chunk + 1], last)
-        solved, tested, looked, filled = 0, 0, 0, 0
+        filled = 0
         for task in range(start, end):
             s, one = task // count, task % count
             i, a = points_of[s], images[one]
@@ -158,42 +158,39 @@ def _test_some(  # type: ignore[no-untyped-def]
                     gather_listed(tables, grid, a, b, c, block, filled)
                     filled += 1
                     if filled == BLOCK:
-                        some_tested, some_looked, tick = _test_block(
+                        tick = _test_block(
                             tables, grid, flat_cells, test, known, filled, masked, allowed, scratch, tick,
-                            survivors[chunk], ratios[chunk],
+                            survivors[chunk], ratios[chunk], counts[chunk],
                         )  # fmt: skip
-                        solved, tested, looked = solved + filled, tested + some_tested, looked + some_looked
                         filled = 0
             if filled > 0 and (one == count - 1 or task == end - 1):  # a block is of one set
-                some_tested, some_looked, tick = _test_block(
+                tick = _test_block(
                     tables, grid, flat_cells, test, known, filled, masked, allowed, scratch, tick,
-                    survivors[chunk], ratios[chunk],
+                    survivors[chunk], ratios[chunk], counts[chunk],
                 )  # fmt: skip
-                solved, tested, looked = solved + filled, tested + some_tested, looked + some_looked
                 filled = 0
-        counts[chunk, 0] += solved
-        counts[chunk, 1] += tested
-        counts[chunk, 2] += looked
 
 
 @part
 def _test_block(  # type: ignore[no-untyped-def]
-    tables, grid, flat_cells, test, known, filled, masked, allowed, scratch, tick, survivors, ratios
+    tables, grid, flat_cells, test, known, filled, masked, allowed, scratch, tick, survivors, ratios, counts
 ):
-    """Solve the listed image triples of one set, and test what the screening leaves, one by one.
+    """Solve the listed image triples of one set, and test what the screening leaves, one by one; the last stamp used.
 
-    How many solutions there are, how many points were looked up, and the last stamp used.
+    ``counts`` (3,) grow by the triples solved, the solutions tested, and the points looked up.
     """
     i, others, coordinates, own, lookups, s = known
     roots, block, frames, hit, picked, stamp = scratch
     solve_listed(tables, i, block, filled, roots)
-    tested, looked, weakest = 0, 0, find_weakest(ratios)
+    weakest = find_weakest(ratios)
+    counts[0] += filled
     for root in range(ROOTS):
         found = _screen(
             tables, grid, flat_cells, test.normals, i, coordinates, own, lookups, filled, root, block, roots, frames,
             hit,
         )  # fmt: skip
-        tested, looked = tested + found, looked + found * lookups
+        counts[1] += found
+        counts[2] += found * lookups
         for k in range(filled):
             if hit[1, k] == 0:
                 continue
@@ -206,11 +203,11 @@ def _test_block(  # type: ignore[no-untyped-def]
             ratio, hits, own_lookups = likelihood_ratio(
                 grid, test, others, coordinates, masked, allowed, frame, stamp, tick
             )
-            looked += own_lookups if lookups == 0 else 0
+            counts[2] += own_lookups if lookups == 0 else 0
             if ratio > ratios[weakest] and hits + 3 >= test.least:
                 place = s, root, picked[0, k], picked[1, k], picked[2, k]
                 weakest = keep_survivor(survivors, ratios, weakest, ratio, place)
-    return tested, looked, tick
+    return tick
 
 
 @part

@@ -14,7 +14,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.problems.padding import select_sources
 from rootmatch.samplers.guided.hypotheses import Hypotheses
-from rootmatch.samplers.guided.minimal_sets import widest_sets
+from rootmatch.samplers.guided.minimal_sets import at_every_root, widest_sets
 from rootmatch.samplers.guided.verification import verify
 
 VERIFIED = 64
@@ -94,12 +94,10 @@ def grow_lead(
     """
     n, looked_up = len(lead.best), 0
     first, best, reach = int(lead.points[0]), lead.best, VERIFIED
-    roots = np.arange(solutions)
     while True:
         last, reach = reach >= n, min(n, int(STRIDE * reach))
         chosen = widest_sets(verified.positions, np.flatnonzero(best >= 0), 3, WIDE_SETS, rng)
-        points = np.repeat(chosen, solutions, axis=0)
-        images = np.column_stack([np.tile(roots, len(chosen)), np.repeat(best[chosen], solutions, axis=0)])
+        points, images = at_every_root(chosen, best[chosen], solutions)
         found = verified(verified.nearest(first, reach), points, images)
         looked_up += len(points) * reach
         strongest = int(found.evidence.argmax())

@@ -73,11 +73,9 @@ class Level:
 
     points: int
     """Neighbours of a point that they are taken from."""
-    images: int
-    """Detections near that of the first point which are tried as images of the others."""
-    cost: int
-    """Image triples of each triple of points."""
-    size: int
+    ring: Ring
+    """Their images: the detections near that of the first point."""
+    size: int = FIRST_WAVE
     """Triples of the next wave."""
     triples: Integers | None = None
     """(T, 3) all of them, a point and two of its neighbours; made when they are first needed."""
@@ -89,7 +87,7 @@ class Level:
     @property
     def ahead(self) -> int:
         """Number of image triples tried so far and in the next wave."""
-        return (self.done + self.size) * self.cost
+        return (self.done + self.size) * self.ring.cost
 
     @property
     def open(self) -> bool:
@@ -106,10 +104,10 @@ class LocalSearch(Search):
         """Whether the last triples tried were wide ones, and image triples solved of local and of wide ones."""
         self.sure_sets = SETS  # hypotheses grow by them
         self.neighbours = nearest_neighbours(self.positions, max(*POINTS, LOOKED_UP))
-        self.near = nearest_neighbours(self.grid.positions.T, max(IMAGES))
+        near, every = nearest_neighbours(self.grid.positions.T, max(IMAGES)), np.arange(self.n_target)
         n, most = self.neighbours.shape[1], LOCAL * (self.n_target - 1)
         sizes = [(min(p, n), q) for p, q in zip(POINTS, IMAGES, strict=True) if q <= most]
-        self.levels = [Level(p, q, self.n_target * q * (q - 1), FIRST_WAVE) for p, q in sizes]
+        self.levels = [Level(p, Ring(every, np.ascontiguousarray(near[:, :q]))) for p, q in sizes]
         self.in_parts = self.n > WHOLE
         """Whether hypotheses of local triples are verified near their triple first."""
         self.nearby = False
@@ -133,11 +131,11 @@ class LocalSearch(Search):
             elif level is None:
                 return
             else:
-                wanted = min(level.size, max(1, batches.LARGEST // level.cost))
-                if (work := pace.block(wanted * level.cost)) == 0:
+                wanted = min(level.size, max(1, batches.LARGEST // level.ring.cost))
+                if (work := pace.block(wanted * level.ring.cost)) == 0:
                     return
                 self.wide = False
-                self._try_local(level, max(1, work // level.cost))
+                self._try_local(level, max(1, work // level.ring.cost))
             self.spent[self.wide] += self.solved - before
             yield
         yield from wide
@@ -177,11 +175,11 @@ class LocalSearch(Search):
         for its cost: what was missed would be met as often.
         """
         waiting = [number for number, level in enumerate(self.levels) if level.open]
-        if not waiting or sum(level.done * level.cost for level in self.levels) >= SOLVED:
+        if not waiting or sum(level.done * level.ring.cost for level in self.levels) >= SOLVED:
             return None
         if self.best is None:
             return self.levels[min(waiting, key=lambda number: self.levels[number].ahead)]
-        return self.levels[max(waiting, key=lambda number: self.shares[number] / self.levels[number].cost)]
+        return self.levels[max(waiting, key=lambda number: self.shares[number] / self.levels[number].ring.cost)]
 
     def _triples(self, level: Level) -> Integers:
         """All triples (T, 3) of a level, in random order: one about each point, then another about each."""
@@ -199,15 +197,14 @@ class LocalSearch(Search):
         """Test the next ``count`` triples of a level, and verify the survivors of the highest ratio."""
         triples = self._triples(level)
         points = np.ascontiguousarray(triples[level.done : level.done + count])
-        near = np.ascontiguousarray(self.near[:, : level.images])
-        solved = len(points) * level.cost
+        solved = len(points) * level.ring.cost
         most = batches.listed_verification_count(solved)
         others = nearest_other_points(points, self.neighbours)
         sets = prepare_sets(self.tables, points, others, np.zeros(len(others), np.int64))
         # ever more patient with hidden points
         test = sequential_test(self.clutter, VISIBLE, level.waves, least=self.minimal + 1, normals=False)
         survivors, ratios, counts = run_listed_tests(
-            self.tables, self.grid, test, sets, Ring(np.arange(self.n_target), near), allowed=self.allowed,
+            self.tables, self.grid, test, sets, level.ring, allowed=self.allowed,
             keep=batches.survivors_per_chunk(most), chunks=batches.CHUNKS,
             threads=worthwhile_threads(solved // batches.WORTH_A_THREAD),
         )  # fmt: skip
@@ -269,16 +266,16 @@ class LocalSearch(Search):
         best = self._cluster_hypotheses()[2].best[0]
         if self.best is None or not np.array_equal(best, self.best):
             self.best = best
-            self.shares = np.array([self._met(self._triples(level), level.images, best) for level in self.levels])
+            self.shares = np.array([self._met(self._triples(level), level.ring, best) for level in self.levels])
         self.missed = self._miss_probability_after([level.done for level in self.levels])
 
     def _miss_probability_after(self, tried: list[int]) -> float:
         """Probability that none of so many triples of each level met a pose that is met as often as the best one."""
         return float(np.prod((1.0 - (1.0 - FAILURE) * self.shares) ** np.array(tried)))
 
-    def _met(self, triples: Integers, images: int, best: Integers) -> float:
+    def _met(self, triples: Integers, ring: Ring, best: Integers) -> float:
         """Fraction of some triples that meet an assignment."""
         matched = triples[(best[triples] >= 0).all(axis=1)]
-        near = self.near[best[matched[:, 0]], :images]
+        near = ring.near[best[matched[:, 0]]]
         met = (near == best[matched[:, 1], None]).any(axis=1) & (near == best[matched[:, 2], None]).any(axis=1)
         return float(met.sum()) / len(triples)

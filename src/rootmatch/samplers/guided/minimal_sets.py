@@ -115,6 +115,12 @@ def widest_sets(positions: Floats, members: Integers, size: int, count: int, rng
     return sets[np.argsort(-width(positions, sets), kind="stable")[:count]]
 
 
+def at_every_root(sets: Integers, images: Integers, solutions: int) -> tuple[Integers, Integers]:
+    """Minimal sets (S, m) and their images (S, m), once for each solution: (K, m) and, after the root, (K, 1 + m)."""
+    roots = np.tile(np.arange(solutions), len(sets))
+    return np.repeat(sets, solutions, axis=0), np.column_stack([roots, np.repeat(images, solutions, axis=0)])
+
+
 def nearest_neighbours(positions: Floats, most: int) -> Integers:
     """The nearest of the points (n, 2 or 3) to each, itself left out, nearest first: (n, at most ``most``)."""
     from scipy.spatial import cKDTree  # slow to import, and only large objects need it

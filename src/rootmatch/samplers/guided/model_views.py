@@ -91,8 +91,7 @@ class ModelViews:
             together = sets_within_views(points, self.visible).astype(np.float32).T @ self.visible.astype(np.float32)
             np.put_along_axis(together, points, -1.0, axis=1)
             others = np.argsort(-together, axis=1, kind="stable")[:, : together.shape[1] - 3]
-            prepared = prepare_sets(tables, points, np.ascontiguousarray(others), np.zeros(len(points), np.int64))
-            self._waves[number] = VisibleSets(prepared, shape_tables(self.positions, self.cameras, self.seen, points))
+            self._waves[number] = self._prepared(tables, points, np.ascontiguousarray(others), len(self.cameras))
         sets = self._waves[number]
         if wide and number not in self._wide:
             add_near_shapes(
@@ -106,14 +105,16 @@ class ModelViews:
         """So many of the `local` triples, whose others are near them; ``tables`` as in `wave`."""
         if number not in self._local_waves:
             points = self.local[number * LARGEST_WAVE : (number + 1) * LARGEST_WAVE].copy()
-            others = nearest_other_points(points, self.neighbours)
-            prepared = prepare_sets(tables, points, others, np.zeros(len(points), np.int64))
             # their images are narrow, and those have shapes as from afar
-            far = slice(0, DIRECTIONS)
-            shapes = shape_tables(self.positions, self.cameras[far], self.seen[far], points)
-            shapes[:, NARROW:] = True
-            self._local_waves[number] = VisibleSets(prepared, shapes)
+            sets = self._prepared(tables, points, nearest_other_points(points, self.neighbours), DIRECTIONS)
+            sets.shapes[:, NARROW:] = True
+            self._local_waves[number] = sets
         return self._local_waves[number]
+
+    def _prepared(self, tables: Any, points: Integers, others: Integers, most: int) -> VisibleSets:
+        """Triples (S, 3) with the other points that each predicts, and their shapes in ``most`` cameras."""
+        prepared = prepare_sets(tables, points, others, np.zeros(len(points), np.int64))
+        return VisibleSets(prepared, shape_tables(self.positions, self.cameras[:most], self.seen[:most], points))
 
     @cached_property
     def neighbours(self) -> Integers:

@@ -154,6 +154,3 @@ class PairSearch(Search):
         if self._most_evidence() > self.strongest:
             verify_known(self, strongest_assignment(self.hypotheses)[None])
             self.strongest = self._most_evidence()
-
-    def _most_evidence(self) -> float:
-        return max((float(batch.evidence.max()) for batch in self.hypotheses), default=-np.inf)

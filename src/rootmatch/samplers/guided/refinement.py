@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Integers
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
-from rootmatch.samplers.guided.hypotheses import Hypotheses
-from rootmatch.samplers.guided.minimal_sets import widest_sets
+from rootmatch.samplers.guided.minimal_sets import at_every_root, widest_sets
 
 if TYPE_CHECKING:
     from rootmatch.samplers.guided.search import Search
@@ -24,58 +23,35 @@ SETS, SURE_SETS = 8, 4
 mostly grows no more. Both find the same matches in benchmarks/record.py and benchmarks/matches.py."""
 
 
-def refining_sets(
-    hypotheses: Hypotheses,
-    leaders: Integers,
-    beyond_chance: int,
-    positions: Floats,
-    solutions: int,
-    count: int,
-    rng: np.random.Generator,
-) -> tuple[Integers, Integers]:
-    """Minimal sets (K, m) of the best clusters, with roots and images (K, 1 + m), each set once for every root.
+def refine_clusters(search: Search) -> None:
+    """Solve minimal sets of the correspondences of a search's best clusters: of those beyond chance, or of some.
 
-    Parameters
-    ----------
-    hypotheses : Hypotheses
-    leaders : (G,) int64 array
-        The strongest of each cluster, strongest first.
-    beyond_chance : int
-        How many clusters are: they are taken, or some if none is.
-    positions : (n, 3) array
-    solutions : int
-        Most solutions of a minimal set.
-    count : int
-        Minimal sets of each cluster.
-    rng : Generator
+    Nothing is solved twice: not before other sets were tried and, of one motion beyond chance, not without new rivals.
     """
+    if search.refined_at == search.solved:
+        return
+    again, search.refined_at = search.refined_at >= 0, search.solved
+    leaders, _, hypotheses = search._cluster_hypotheses()
+    beyond_chance = int((hypotheses.evidence[leaders] > search._false_alarm_level()).sum())
+    if again and search.single and 0 < beyond_chance == search.refined_clusters:
+        return
+    search.refined_clusters = beyond_chance
     taken = leaders[: beyond_chance or max(CLUSTERS, int(CLUSTER_PART * len(leaders)))]
-    minimal, most = hypotheses.points.shape[1], (solutions, count)
-    return _widest_sets_of_matches(hypotheses.best[taken], minimal, positions, most, rng)
+    _verify_widest(search, hypotheses.best[taken], search.sure_sets if beyond_chance else SETS, search.rng)
 
 
 def verify_known(search: Search, assignments: Integers) -> None:
     """Verify wide minimal sets of assignments (K, n) that are known before a search, of each its own."""
-    solutions = hypothesis_kernels(search.tables).solutions
     rng = np.random.default_rng(search.n)  # the search draws the same sets whatever is known
-    points, images = _widest_sets_of_matches(assignments, search.minimal, search.positions, (solutions, SETS), rng)
-    if len(points):
-        search._verify(points, images)
+    _verify_widest(search, assignments, SETS, rng)
 
 
-def _widest_sets_of_matches(
-    assignments: Integers, minimal: int, positions: Floats, most: tuple[int, int], rng: np.random.Generator
-) -> tuple[Integers, Integers]:
-    """See `refining_sets`, of the matches of some assignments (K, n); ``most``: its ``solutions`` and ``count``."""
-    solutions, count = most
-    points, images = [np.empty((0, minimal), np.int64)], [np.empty((0, minimal), np.int64)]
+def _verify_widest(search: Search, assignments: Integers, count: int, rng: np.random.Generator) -> None:
+    """Verify up to ``count`` wide minimal sets of the matches of each of some assignments (K, n)."""
+    sets, images = [np.empty((0, search.minimal), np.int64)], [np.empty((0, search.minimal), np.int64)]
     for assignment in assignments:
         (matched,) = (assignment >= 0).nonzero()
-        chosen = widest_sets(positions, matched, minimal, count, rng)
-        points.append(np.repeat(chosen, solutions, axis=0))
-        images.append(np.repeat(assignment[chosen], solutions, axis=0))
-    stacked = np.concatenate(points)
-    solved = np.empty((len(stacked), 1 + minimal), np.int64)
-    solved[:, 0] = np.arange(len(stacked)) % solutions
-    solved[:, 1:] = np.concatenate(images)
-    return stacked, solved
+        sets.append(widest_sets(search.positions, matched, search.minimal, count, rng))
+        images.append(assignment[sets[-1]])
+    solutions = hypothesis_kernels(search.tables).solutions
+    search._verify(*at_every_root(np.concatenate(sets), np.concatenate(images), solutions))

@@ -22,7 +22,6 @@ from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided import batches, rivals, visibility
 from rootmatch.samplers.guided.crowding import CROWDING
 from rootmatch.samplers.guided.detection_grid import grid_of
-from rootmatch.samplers.guided.dispatch import hypothesis_kernels
 from rootmatch.samplers.guided.hypotheses import (
     Hypotheses,
     HypothesisClusters,
@@ -32,7 +31,7 @@ from rootmatch.samplers.guided.hypotheses import (
 from rootmatch.samplers.guided.hypothesis_clustering import cluster
 from rootmatch.samplers.guided.minimal_sets import alternate, minimal_sets, remaining_points, sets_of_parts
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.refinement import SETS, SURE_SETS, refining_sets
+from rootmatch.samplers.guided.refinement import SETS, SURE_SETS, refine_clusters
 from rootmatch.samplers.guided.sequential_test import (
     VISIBLE,
     VISIBLE_OF_MANY,
@@ -207,26 +206,22 @@ class Search:
         return self.evaluated >= self.budget or self.deadline.passed()
 
     def _has_enough(self) -> bool:
-        """Whether the search may stop; see `has_found_enough`."""
+        """Whether the search may stop."""
         if not self.is_beyond_chance():
             return False
         self.refine()
         if self.normals and self.single:
             return True  # another pose is sought among its rivals
-        leaders, _, hypotheses = self._cluster_hypotheses()
-        if self.single and (hypotheses.best[0] >= 0).sum() >= self.options.stopping.complete * min(self.shape):
-            return True
-        return has_found_enough(
-            hypotheses, leaders, self._false_alarm_level(), shape=self.shape,
-            motions=self.motions, solved=self.solved, possible=self.possible, options=self.options.stopping,
-        )  # fmt: skip
+        return has_found_enough(self)
 
     def is_beyond_chance(self) -> bool:
         """Whether any hypothesis is beyond chance."""
-        evidence = max((float(batch.evidence.max(initial=-math.inf)) for batch in self.hypotheses), default=-math.inf)
-        return evidence > self._false_alarm_level()
+        return self._most_evidence() > self._false_alarm_level()
 
-    _try_rivals, _missed_among = rivals.try_rivals, rivals.rival_miss_probability
+    def _most_evidence(self) -> float:
+        return max((float(batch.evidence.max(initial=-math.inf)) for batch in self.hypotheses), default=-math.inf)
+
+    refine, _try_rivals, _missed_among = refine_clusters, rivals.try_rivals, rivals.rival_miss_probability
 
     def _false_alarm_level(self) -> float:
         return false_alarm_level(self.tested, self.options.stopping)
@@ -289,24 +284,6 @@ class Search:
                 found += Hypotheses(p, q, *judged).real()
         finally:
             self.hypotheses += [Hypotheses.joined(found)] if found else []
-
-    def refine(self) -> None:
-        """Solve minimal sets of the best clusters' own correspondences; see `refinement`."""
-        if self.refined_at == self.solved:
-            return
-        again, self.refined_at = self.refined_at >= 0, self.solved
-        solutions = hypothesis_kernels(self.tables).solutions
-        leaders, _, hypotheses = self._cluster_hypotheses()
-        beyond_chance = int((hypotheses.evidence[leaders] > self._false_alarm_level()).sum())
-        if again and self.single and 0 < beyond_chance == self.refined_clusters:
-            return  # no rivals since
-        self.refined_clusters = beyond_chance
-        points, images = refining_sets(
-            hypotheses, leaders, beyond_chance, self.positions, solutions,
-            count=self.sure_sets if beyond_chance else SETS, rng=self.rng,
-        )  # fmt: skip
-        if len(points):
-            self._verify(points, images)
 
     def clusters(self) -> HypothesisClusters:
         """The clusters at the end; where one is beyond chance, it and its rivals."""

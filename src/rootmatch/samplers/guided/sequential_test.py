@@ -21,7 +21,7 @@ from rootmatch.jit.decorators import FASTMATH, driver
 from rootmatch.jit.threads import chunk_bounds, run_in_chunks
 from rootmatch.problems.padding import pad_rows, padded_places, select_targets, target_columns
 from rootmatch.samplers.guided.detection_grid import DetectionGrid
-from rootmatch.samplers.guided.dispatch import hypothesis_kernels, set_coordinates, set_known, solve_set
+from rootmatch.samplers.guided.dispatch import hypothesis_kernels, set_known, solve_set
 from rootmatch.samplers.guided.likelihood_ratio import keep_likeliest
 from rootmatch.samplers.guided.screening import Screened, Work, screen
 
@@ -113,7 +113,7 @@ class PreparedSets(NamedTuple):
 
 def prepare_sets(tables: Any, points: Integers, others: Integers, offset: Integers) -> PreparedSets:
     """`PreparedSets` of minimal sets (S, m), the other points (S, n − m) of each and their offsets (S,)."""
-    coordinates, own = set_coordinates(tables, points, others)
+    coordinates, own = hypothesis_kernels(tables).coordinates(tables, points, others)
     return PreparedSets(points, others, coordinates, own, offset)
 
 
@@ -178,28 +178,23 @@ def run_sequential_tests(
     lookups = 0 if test.normals else lookups_before_dropped(test, sets.others.shape[1], m)
 
     bounds = chunk_bounds(first, last, chunks)
-
     groups = [_group_of_sets(tables, grid, sets, allowed, images=images, own=own) for own in _classes(sets, allowed)]
 
     def test_some(first_task: int, last_task: int) -> None:
         for group in groups:
-            if group.width > 0:
-                test_group(group, first_task, last_task)
-
-    def test_group(group: _Group, first_task: int, last_task: int) -> None:
-        columns = len(padded_places(group.width))
-        scratch = np.empty((2 * solutions, columns))
-        cells = np.empty((2, max(columns, lookups)), np.int32)
-        work = Work(cells, cells.view(np.uint32), np.empty(columns, np.bool_), np.empty(columns + 1, np.int64))
-        room = TESTED + solutions * columns
-        hypotheses = Screened(np.empty((room, 12)), np.empty((room, 2 + m), np.int64))
-        stamp = np.zeros(n_target, np.int64)
-        image = np.zeros(m, np.int64)
-        _test_some(
-            group.tables, group.grid, grid, group.images, flat_cells, test, sets, group.own, arrangements, allowed,
-            lookups, first_task, last_task, np.array(bounds), group.width, scratch, work, hypotheses, stamp, image,
-            survivors, ratios, counts,
-        )  # fmt: skip
+            if group.width == 0:
+                continue
+            columns = len(padded_places(group.width))
+            scratch = np.empty((2 * solutions, columns))
+            cells = np.empty((2, max(columns, lookups)), np.int32)
+            work = Work(cells, cells.view(np.uint32), np.empty(columns, np.bool_), np.empty(columns + 1, np.int64))
+            room = TESTED + solutions * columns
+            hypotheses = Screened(np.empty((room, 12)), np.empty((room, 2 + m), np.int64))
+            _test_some(
+                group.tables, group.grid, grid, group.images, flat_cells, test, sets, group.own, arrangements, allowed,
+                lookups, first_task, last_task, np.array(bounds), group.width, scratch, work, hypotheses,
+                np.zeros(n_target, np.int64), np.zeros(m, np.int64), survivors, ratios, counts,
+            )  # fmt: skip
 
     run_in_chunks(test_some, bounds, threads, max(1, QUICK // max(n_target, 1)))
     return survivors, ratios, counts

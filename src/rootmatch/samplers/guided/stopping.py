@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers, median
+from rootmatch.arrays import Bools, Floats, median
 from rootmatch.options import Options, option
-from rootmatch.samplers.guided.hypotheses import Hypotheses
+
+if TYPE_CHECKING:
+    from rootmatch.samplers.guided.search import Search
 
 
 @dataclass(frozen=True)
@@ -56,45 +59,21 @@ def least_telling_matches(density: Floats, variance: Floats, minimal: int, sets:
     return minimal + math.ceil((math.log(sets) + TRUSTED) / worth) if worth > 0.0 else len(density)
 
 
-def has_found_enough(
-    hypotheses: Hypotheses,
-    leaders: Integers,
-    level: float,
-    shape: tuple[int, int],
-    motions: float,
-    solved: int,
-    possible: float,
-    options: StoppingOptions,
-) -> bool:
-    """Whether as many hypotheses as there are motions are beyond chance, and stronger ones would have been met.
-
-    Parameters
-    ----------
-    hypotheses : Hypotheses
-    leaders : (G,) int64 array
-        The strongest of each cluster, strongest first.
-    level : float
-        See `false_alarm_level`.
-    shape : (n, n')
-    motions : float
-        Number of motions looked for, infinite where unknown.
-    solved : int
-        Minimal sets solved so far.
-    possible : float
-        Share of the images of a minimal set that its points may have.
-    options : StoppingOptions
-    """
-    n, n_target = shape
-    minimal = hypotheses.points.shape[1]
-    covered: Bools = np.zeros(n, np.bool_)
+def has_found_enough(search: Search) -> bool:
+    """Whether as many hypotheses as there are motions are beyond chance, and stronger ones would have been met."""
+    leaders, _, hypotheses = search._cluster_hypotheses()
+    complete = search.options.stopping.complete * min(search.shape)
+    if search.single and (hypotheses.best[0] >= 0).sum() >= complete:
+        return True
+    covered: Bools = np.zeros(search.n, np.bool_)
     sizes: list[int] = []
-    for best in hypotheses.best[leaders[hypotheses.evidence[leaders] > level]]:
+    for best in hypotheses.best[leaders[hypotheses.evidence[leaders] > search._false_alarm_level()]]:
         matched = best >= 0
         if (matched & covered).sum() <= OVERLAP * matched.sum():
             covered |= matched
             sizes.append(int(matched.sum()))
-    if covered.sum() >= options.complete * min(n, n_target):
+    if covered.sum() >= complete:
         return True
     # minimal sets that are solved, on average, until one of the smallest motion's is among them
-    every = possible * math.perm(n_target, minimal)
-    return len(sizes) >= motions and solved >= every * (n / min(sizes)) ** minimal
+    every = search.possible * math.perm(search.n_target, search.minimal)
+    return len(sizes) >= search.motions and search.solved >= every * (search.n / min(sizes)) ** search.minimal

@@ -232,15 +232,10 @@ class VisibleSearch(Search):
 
     def _test(self, wave: int, seen: float = math.inf) -> SequentialTest:
         """The sequential test, the same for all waves, with a detection rate for points that face the camera."""
-        least = self.minimal + 1
+        seen = min(DETECTED, seen / self.views.most_facing)
         return sequential_test(
-            self.clutter,
-            min(DETECTED, seen / self.views.most_facing),
-            0,
-            least=least,
-            normals=True,
-            facing=self.least_cosine,
-        )
+            self.clutter, seen, 0, least=self.minimal + 1, normals=True, facing=self.least_cosine
+        )  # fmt: skip
 
     def _try_visible(
         self, sets: VisibleSets, first: int, last: int, ring: Ring, allowed: Bools, seen: float = math.inf

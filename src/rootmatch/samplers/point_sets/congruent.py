@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -201,12 +201,8 @@ def label_by_motions(
     explain no more than the triple that names them are of no account.
     """
     motions = concatenate_motions(kinds)
-    places, step = PlaceGrid(clouds, WIDE, allowed), max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
-    explained = np.zeros(len(motions.scale), np.int64)
-    for first in range(0, len(explained), step):
-        if first and active_deadline().passed():
-            break
-        part = slice(first, first + step)
+    places, explained = PlaceGrid(clouds, WIDE, allowed), np.zeros(len(motions.scale), np.int64)
+    for part in _parts(clouds, len(explained)):
         explained[part] = places.explained(motions.take(part))
     if least is None:
         least = 3 + int(explained.max(initial=0) > 6)
@@ -220,22 +216,28 @@ def label_by_motions(
 def _label_in_parts(
     clouds: PointClouds,
     count: int,
-    squares: Callable[[Integers], tuple[Floats, Floats]],
+    squares: Callable[[slice], tuple[Floats, Floats]],
     gate: float,
     allowed: Bools | None,
 ) -> Integers:
     """Labellings (H, n) by ``count`` motions, of the first of them where a deadline passes."""
-    step = max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
     every = [np.empty((0, len(clouds.source)), np.int64)]
-    for first in range(0, count, step):
-        if first and active_deadline().passed():
-            break
-        squared, variance = squares(np.arange(first, min(first + step, count)))
+    for part in _parts(clouds, count):
+        squared, variance = squares(part)
         deviation = squared / variance
         if allowed is not None:
             deviation[:, ~allowed] = np.inf
         every.append(mutual_nearest(deviation, gate**2))
     return np.concatenate(every)
+
+
+def _parts(clouds: PointClouds, count: int) -> Iterator[slice]:
+    """Parts of ``count`` motions between which the time is looked at, the first of them where a deadline passes."""
+    step = max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
+    for first in range(0, count, step):
+        if first and active_deadline().passed():
+            return
+        yield slice(first, first + step)
 
 
 def _distinct_labellings(parts: list[Integers], least: int) -> Integers:

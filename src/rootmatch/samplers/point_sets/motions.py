@@ -68,8 +68,7 @@ def fit_triangles(source: Floats, target: Floats, scaled: bool, mirror: bool) ->
         return fit_motions(source, target, scaled, mirror)
     count, dimension = len(source), source.shape[2]
     linear, shift, scale = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty(count)
-    corners = (np.concatenate([one, np.zeros((count, 3, 3 - dimension))], axis=2) for one in (source, target))
-    fill_triangle_motions(*corners, scaled, dimension == 2, (linear, shift, scale))
+    fill_triangle_motions(in_space(source), in_space(target), scaled, dimension == 2, (linear, shift, scale))
     return Motions(linear[:, :dimension, :dimension], shift[:, :dimension], scale)
 
 

@@ -23,13 +23,12 @@ BLUNT = 2.5066
 
 
 @scalar
-def epipolar_line(c, s, t, q):  # type: ignore[no-untyped-def]
-    """What a source bearing q says of every detection, for the rotation (c, s) and the unit baseline t.
+def epipolar_line(t, u):  # type: ignore[no-untyped-def]
+    """What a source bearing u, rotated into the second view, says of every detection, for the unit baseline t.
 
-    Returns its rotated bearing u, the unit normal of the epipolar plane, the vectors whose products with a detection
-    are its parallax and how far it lies ahead, and the sine of the angle between u and t.
+    Returns the unit normal of the epipolar plane, the vectors whose products with a detection are its parallax and how
+    far it lies ahead, and the sine of the angle between u and t.
     """
-    u = rotate_vector_about_y(c, s, q)
     k = dot(t, u)
     sine = math.sqrt(max(1.0 - k * k, 1e-12))
     n = cross(t, u)
@@ -37,7 +36,7 @@ def epipolar_line(c, s, t, q):  # type: ignore[no-untyped-def]
     normal = (f * n[0], f * n[1], f * n[2])
     across = (t[0] - k * u[0], t[1] - k * u[1], t[2] - k * u[2])
     forward = (u[0] - k * t[0], u[1] - k * t[1], u[2] - k * t[2])
-    return u, normal, across, forward, sine
+    return normal, across, forward, sine
 
 
 @scalar
@@ -90,7 +89,7 @@ def point_ratio(c, s, t, q, own, views, blur, inverse_scale, inverse_density, po
 
     ``own`` is the variance of the source bearing, ``possible`` (n',) 1 or 0.
     """
-    _, normal, across, forward, sine = epipolar_line(c, s, t, q)
+    normal, across, forward, sine = epipolar_line(t, rotate_vector_about_y(c, s, q))
     target, variance = views.target, views.target_variance
     x, y, z = target[0], target[1], target[2]
     total = 0.0

@@ -29,7 +29,7 @@ def parallax_sign(t, u, k):  # type: ignore[no-untyped-def]
 @scalar
 def fits_pose(c, s, t, q, p, own, gate2):  # type: ignore[no-untyped-def]
     """Whether a correspondence fits a pose, and its inverse distance."""
-    _, normal, across, forward, sine = epipolar_line(c, s, t, q)
+    normal, across, forward, sine = epipolar_line(t, rotate_vector_about_y(c, s, q))
     e = dot(normal, p)
     front, size, _, _ = depth_along_line(across, forward, p[0], p[1], p[2], sine, own)
     return front & (e * e < gate2 * own), size

@@ -10,21 +10,21 @@ import math
 import numba
 import numpy as np
 
+from rootmatch.algebra.rotation import rotation_from_vector
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
 from rootmatch.hypergraph.assignment import maximise_total
 from rootmatch.jit.threads import LONGEST, run_in_threads, worthwhile_threads
 from rootmatch.problems.points import TwoViews
 from rootmatch.samplers.base import SamplingTask
-from rootmatch.samplers.guided.detection_grid import mean_basis
+from rootmatch.samplers.guided.crowding import uniform_density
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.two_views.covering_sets import CoveringSets
 from rootmatch.samplers.two_views.image_pieces import run_image_pieces
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
 from rootmatch.samplers.two_views.pose_refinement import DIMENSIONS, refine_poses
-from rootmatch.samplers.two_views.relative_hypothesis import OTHER, RelativeHypothesis
+from rootmatch.samplers.two_views.relative_hypothesis import OTHER, SAME, RelativeHypothesis
 from rootmatch.samplers.two_views.set_kernels import search_pairs, search_triples
-from rootmatch.samplers.two_views.tilted_refinement import Tilted, refine_tilted, turned_views
 
 BLURS = (2.25, 1.0, 0.5, 0.25, 0.1)
 """Variance that the pose's error adds in the steps of a refinement, in those of the noise."""
@@ -38,8 +38,10 @@ SECONDS_PER_RATIO = 2e-7
 """Time to compute one likelihood ratio in a step of a refinement."""
 REFINED = 4_000_000
 """Likelihood ratios of the poses that are refined together: 32 MB."""
-TILTED = 8
-"""Time and memory with tilts over those without. A round value."""
+TILTED = 2
+"""Time with tilts over that without. A round value."""
+SHRINKS = 4.0
+"""Factor between what a pose's error adds in one step and in the next, where there are tilts."""
 RARE = 0.1
 """Ratio to the likeliest detection of a point from which another one is a candidate too."""
 
@@ -84,8 +86,6 @@ TAKEN = math.radians(0.5)
 2.8° 26 and 11 of 40 sets at the right tilts lead to the pose, with .5° 34 (axis noise 2°)."""
 BREADTH = math.pi / math.sqrt(48.0)
 """Standard deviation of the logarithm of the inverse distances: that of their log-logistic density."""
-LEAST_COSINE = 0.05
-"""Cosine to the mean bearing below which a detection is off the plane on which densities are measured: 87°."""
 
 
 def _narrow_tilt(views: TwoViews, tilt2: float) -> tuple[TwoViews, float]:
@@ -125,7 +125,7 @@ class PoseSearch:
         possible = np.ones(task.shape) if task.candidates is None else task.candidates.astype(np.float64)
         detected = VISIBLE * min(1.0, self.n / self.n_target)
         self.judge = (
-            1.0 / detection_density(self.views), np.ascontiguousarray(possible), VISIBLE,
+            1.0 / uniform_density(self.views.target), np.ascontiguousarray(possible), VISIBLE,
             detected, SET_BLUR**2 * self.noise, REJECT, DRIFT,
         )  # fmt: skip
         self.covering = CoveringSets(
@@ -172,17 +172,10 @@ class PoseSearch:
         spent = self.sets >= (TILTED_SETS if self.tilt2 > 0.0 else MOST_SETS) or self.solved >= self.budget
         return spent or self.cut or self.deadline.passed()
 
-    def _do_sets_agree(self) -> bool:
-        """Whether several minimal sets have led to the likeliest assignment."""
-        if not self.hypotheses:
-            return False
-        first = self.hypotheses[0]
-        led = {other.minimal_set for other in self.hypotheses if other.is_like(first)}
-        return len(led) >= AGREEING
-
     def _has_enough(self) -> bool:
-        """Whether the sets agree on a pose, and no other one that is beyond chance too can well have been missed."""
-        return self._do_sets_agree() and self._unmet_probability() <= (RIVALLED if self.repeated else MISSED)
+        """Whether several sets have led to the likeliest pose, and no other beyond chance can well have been missed."""
+        led = {one.minimal_set for one in self.hypotheses if one.shared(self.hypotheses[0]) >= SAME}
+        return len(led) >= AGREEING and self._unmet_probability() <= (RIVALLED if self.repeated else MISSED)
 
     def _chance_evidence(self) -> float:
         """Evidence that one of the poses tested reaches by chance."""
@@ -213,7 +206,8 @@ class PoseSearch:
         each = SECONDS_PER_POSE * self.n_target
         views = [(self.views, 0, count)]
         if self.tilt2 > 0.0:
-            views = [(turned_views(self.views, tilt), index, index + 1) for index, tilt in enumerate(tilts)]
+            targets = [np.ascontiguousarray(one.T @ self.views.target) for one in tilt_rotations(tilts)]
+            views = [(self.views._replace(target=one), index, index + 1) for index, one in enumerate(targets)]
 
         def piece(begin: int, stop: int) -> None:
             """Some of the images of all sets."""
@@ -265,7 +259,7 @@ class PoseSearch:
     def _take(self, poses: Floats, tilts: Floats, which: Integers) -> None:
         """Refine poses (K, FIELDS) of minimal sets (K,) with tilts (K, 2), some at a time to bound the memory."""
         more = TILTED if self.tilt2 > 0.0 else 1
-        step = max(1, REFINED // (more * self.n * self.n_target))
+        step = max(1, REFINED // (self.n * self.n_target))
         for first in range(0, len(poses), step):
             some = slice(first, first + step)
             checkpoint(more * SECONDS_PER_RATIO * len(poses[some]) * self.n * self.n_target)
@@ -280,20 +274,20 @@ class PoseSearch:
 
     def _refine_ratios(self, poses: Floats, tilts: Floats) -> tuple[Floats, Floats]:
         """Likelihood ratios (K, n, n') at poses (K, FIELDS) with tilts (K, 2), refined on all points; their tilts."""
+        views, blurs, rotated = self.views, np.array(BLURS) * self.noise, poses.copy()
         if self.tilt2 > 0.0:
-            alone = self.views._replace(source_variance=self.views.source_variance - UNABSORBED * self.near)
-            return refine_tilted(
-                alone, self.judge[:2], Tilted.of_sets(poses, tilts),
-                tilt2=self.tilt2, blurs=(self.near, BLURS[-1] * self.own_noise), breadth2=BREADTH**2,
-            )  # fmt: skip
-        poses = np.ascontiguousarray(poses)
-        ratios = np.zeros((len(poses), self.n, self.n_target))
-        blurs = np.array(BLURS) * self.noise
+            views = views._replace(source_variance=views.source_variance - UNABSORBED * self.near)
+            last = BLURS[-1] * self.own_noise
+            steps = math.ceil(math.log(self.near / last) / math.log(SHRINKS))
+            blurs = np.array([*np.geomspace(self.near, last, steps + 1), last])
+            rotated[:, 2:5] = (tilt_rotations(tilts) @ poses[:, 2:5, None])[..., 0]
+        tilts, ratios = tilts.copy(), np.zeros((len(poses), self.n, self.n_target))
 
         def work(start: int, end: int) -> None:
             sums, normal, side = np.zeros(self.n + self.n_target), np.zeros((DIMENSIONS,) * 2), np.zeros(DIMENSIONS)
             refine_poses(
-                self.views, self.judge, blurs, BREADTH**2, start, end, poses, ratios, sums, normal, side
+                views, self.judge, blurs, BREADTH**2, self.tilt2, start, end, rotated, tilts, ratios,
+                sums, np.empty((3, 3)), normal, side,
             )  # fmt: skip
 
         run_in_threads(work, len(poses), worthwhile_threads(len(poses) // 8))
@@ -309,18 +303,18 @@ class PoseSearch:
 
     def assignments(self) -> Integers:
         """Assignments (K, n) of the hypotheses, each once, strongest first."""
-        distinct = {one.assignment.tobytes(): one.assignment for one in self.hypotheses}
-        kept = list(distinct.values())[:ASSIGNMENTS]
-        return np.array(kept, np.int64).reshape(-1, self.n)
+        return np.array([one.assignment for one in self._distinct(ASSIGNMENTS)], np.int64).reshape(-1, self.n)
+
+    def _distinct(self, most: int) -> list[RelativeHypothesis]:
+        """The strongest hypotheses of different assignments."""
+        first = dict[bytes, RelativeHypothesis]()
+        for one in self.hypotheses:
+            first.setdefault(one.assignment.tobytes(), one)
+        return list(first.values())[:most]
 
     def clusters(self) -> HypothesisClusters:
         """The strongest hypotheses that differ, each with the detections that its points may have."""
-        leaders: list[RelativeHypothesis] = []
-        for one in self.hypotheses:
-            if len(leaders) < CLUSTERS and not any(
-                np.array_equal(one.assignment, other.assignment) for other in leaders
-            ):
-                leaders.append(one)
+        leaders = self._distinct(CLUSTERS)
         width = min(CANDIDATES, self.n_target)
         lists = np.full((len(leaders), self.n, width), -1, np.int64)
         for g, one in enumerate(leaders):
@@ -338,12 +332,6 @@ class PoseSearch:
         return HypothesisClusters(lists, evidence, self._chance_evidence())
 
 
-def detection_density(views: TwoViews) -> Floats:
-    """Detections in a steradian about each (n',), were they uniform: in a second image they are all over it."""
-    rotated = mean_basis(views.target) @ views.target
-    ahead = rotated[2] > LEAST_COSINE
-    positions, count = rotated[:2, ahead] / rotated[2, ahead], int(ahead.sum())
-    # the bounding box of uniform points, corrected for being too small
-    area = float(np.prod(np.ptp(positions, axis=1))) * ((count + 1) / max(count - 1, 1)) ** 2 if count > 1 else 1.0
-    # an area of the plane is seen under this angle
-    return np.asarray(count / max(area, 1e-12) / np.where(ahead, rotated[2], 1.0) ** 3, np.float64)
+def tilt_rotations(tilts: Floats) -> Floats:
+    """Rotations (K, 3, 3) by tilts (K, 2) about x and z."""
+    return np.asarray(rotation_from_vector(np.stack([tilts[:, 0], np.zeros(len(tilts)), tilts[:, 1]], axis=1)))

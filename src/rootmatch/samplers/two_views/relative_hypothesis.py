@@ -38,7 +38,3 @@ class RelativeHypothesis:
     def shared(self, other: RelativeHypothesis) -> float:
         """Share of the matches that another assignment has too."""
         return float(shared_match_share(self.assignment, other.assignment))
-
-    def is_like(self, other: RelativeHypothesis) -> bool:
-        """Whether two assignments have so much in common that they come from one pose."""
-        return self.shared(other) >= SAME
