@@ -213,7 +213,7 @@ def _parse_frame_number(path: Path, row: int, text: str) -> int:
 def _open_standard_input() -> Iterator[TextIO]:
     """Standard input as UTF-8 with or without a byte-order mark, whatever the locale."""
     if sys.stdin is None or sys.stdin.closed:
-        raise InputError("standard input: it is closed; give a file, or frames in a pipe")
+        raise InputError("standard input: it is closed; give a file, or pipe the frames in")
     if not hasattr(sys.stdin, "buffer"):
         yield sys.stdin
         return
