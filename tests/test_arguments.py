@@ -130,7 +130,7 @@ def test_a_solver_that_cannot_decide_is_told_once_a_line() -> None:
 def test_an_untrusted_match_of_the_paper_is_told_to_change_rho() -> None:
     match = rm.match(SCENE.source, SCENE.target, SCENE.problem, preset="paper", samples=100, rho=1e-12)
     assert match.status is rm.Status.UNTRUSTED
-    assert "try another `rho`, or evaluate more hyper-edges with more `samples`" in match.advice
+    assert "try another `rho`, or evaluate more hyper-edges with larger `samples`" in match.advice
 
 
 @pytest.mark.parametrize("sampler", ["exhaustive", "guided", "auto", rm.Guided()])

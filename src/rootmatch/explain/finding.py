@@ -138,7 +138,7 @@ class Finding:
         if chosen == "exhaustive":
             return "give more points or detections"
         if chosen == "random":
-            return "evaluate more hyper-edges with more `samples`"
+            return "evaluate more hyper-edges with larger `samples`"
         if self.task.sampling_task.sweep_cost <= LIMITS.exhaustive:
             return 'evaluate more hyper-edges with `sampler="exhaustive"`'
         return "evaluate more hyper-edges with a larger `budget` of `Guided`"
