@@ -21,10 +21,10 @@ from test_diagnosis import CAMERA, mistaken
 
 MISTAKES = (
     "y is measured upwards in the image, or the model is left-handed",
-    "x and y of the image are exchanged",
+    "x and y of the image are swapped",
     "the camera was calibrated at half the size of the image",
     "the camera was calibrated at twice the size of the image",
-    "the lens' coefficients are those of a fisheye",
+    "the lens coefficients are those of a fisheye",
     "the noise is 10 times as large",
 )
 

@@ -50,14 +50,14 @@ def test_a_search_that_ended_too_soon_is_named_as_the_cause() -> None:
     text = advice(found, found.confidence)
     assert text.startswith("ambiguous: nothing better was found, but the search ended before it could exclude")
     assert "alternatives" not in text
-    assert "give normals, the vertical to `UP2P`, a `prior`" in text
+    assert "give normals, a vertical (`UP2P`), a `prior`" in text
     assert text.endswith("or evaluate more hyper-edges with a larger `budget` of `Guided`")
     few = replace(found, task=found.task.subset(np.arange(24), np.arange(16)))
     assert few.longer_search == 'evaluate more hyper-edges with `sampler="exhaustive"`'
     swept = replace(few, task=replace(few.task, options=replace(few.task.options, sampler="exhaustive")))
     assert swept.longer_search == "give more points or detections"
     late = advice(found, found.confidence, stopped_early=True)
-    assert late.startswith("ambiguous: max_seconds ended the search before it could exclude")
+    assert late.startswith("ambiguous: `max_seconds` ended the search before it could exclude")
     assert "give more time" in late
     assert late.count("max_seconds") == 1
 
@@ -71,8 +71,8 @@ def test_doubts_that_add_up_are_not_called_another_assignment() -> None:
     images[1][:10] = rng.uniform((0.0, 0.0), (1280.0, 960.0), (10, 2))
     match = rm.match(*images, rm.ThreePlusOne(CAMERA, axis=axis, axis2=axis), noise=0.5)
     text = advice(replace(match.finding, others=[]).with_facts(probability=0.9, contested=True))
-    assert text.startswith("ambiguous: no other assignment comes near, but each match adds its doubt")
-    assert "(0.9) than asked for (`min_probability` 0.95)" in text
+    assert text.startswith("ambiguous: no other assignment comes close, but the doubts about single matches add up")
+    assert "a probability of 0.9, less than asked for (`min_probability` 0.95)" in text
 
 
 def test_a_search_of_a_frame_that_was_cut_names_its_budget() -> None:
@@ -80,7 +80,7 @@ def test_a_search_of_a_frame_that_was_cut_names_its_budget() -> None:
     cut = replace(found, task=replace(found.task, budget=found.evaluated))
     nothing = replace(cut, facts=Facts(confirmed=False, missed=1.0))
     assert advice(cut, cut.confidence).endswith("or raise `search_budget` in `TrackingOptions`")
-    assert "`search_budget` ended the search of this frame before anything was found" in advice(nothing)
+    assert "`search_budget` ended the search of this frame before it found anything" in advice(nothing)
     for one in (cut, nothing):
         enough = replace(one, task=replace(one.task, budget=found.evaluated + 1))
         assert "search_budget" not in advice(enough, enough.confidence)
@@ -105,7 +105,7 @@ def test_a_symmetric_object_asks_for_no_normals_twice(normals: bool) -> None:
     match = rm.match(square, CAMERA.project(seen), rm.P3P(CAMERA), noise=0.5, normals=facing)
     assert match.status is rm.Status.AMBIGUOUS
     assert ("give normals" in match.advice) is not normals
-    assert "the vertical to `UP2P`" in match.advice
+    assert "a vertical (`UP2P`)" in match.advice
 
 
 @pytest.mark.parametrize("seed", [0, 4, 9])
@@ -115,8 +115,8 @@ def test_a_rig_whose_cameras_show_the_same_three_points(seed: int) -> None:
     rows = np.unique(shown.truth[:, points])
     match = rm.match(POINTS[:LEDS], shown.rows[rows[rows >= 0]], rm.P3P(RIG), **KNOWN)
     assert match.status is rm.Status.AMBIGUOUS
-    assert "no search meets every pose that explains so few points" in match.advice
-    assert "give the vertical to `UP2P`, a `prior`, or more detections" in match.advice  # normals were given
+    assert "no search can try every pose that explains so few points" in match.advice
+    assert "give a vertical (`UP2P`), a `prior`, or more detections" in match.advice  # normals were given
 
 
 @pytest.mark.parametrize("seed", [8, 10, 22])
@@ -125,7 +125,7 @@ def test_what_could_be_chance_is_told_with_its_probability(seed: int) -> None:
     match = rm.match(source, target, rm.P3P(CAMERA), noise=NOISE)
     assert match.status is rm.Status.UNTRUSTED
     assert f"could be chance (probability {match.probability:.3g}, `min_probability` 0.95)" in match.advice
-    assert "give normals, the vertical to `UP2P`, a `prior`, or fewer stray detections" in match.advice
+    assert "give normals, a vertical (`UP2P`), a `prior`, or fewer stray detections" in match.advice
     assert "raise the noise" not in match.advice
 
 
@@ -169,11 +169,12 @@ def test_residuals_of_what_is_not_there_do_not_say_that_the_noise_is_larger() ->
     assert misfit.rescaled_log_odds(-6.4) == pytest.approx(-2.8, abs=0.1)
     found = coarse(4, 6.0)
     assert found.status is rm.Status.UNTRUSTED
-    assert "times as large as given, or else the pose is wrong; give noise=" in found.advice
-    assert ", or source_noise= if the model is inexact, and check" in found.advice
+    assert "times as large as given, or the pose is wrong; give `noise=" in found.advice
+    assert ", or `source_noise=` if the model is inexact, and check" in found.advice
     assert "auto" not in found.advice  # which several bodies and a tracker refuse
     assert (
-        "usual causes are the calibration of the lens, exposure or a rolling shutter, and a bent model" in found.advice
+        "usual causes are the lens calibration, motion during the exposure, a rolling shutter, and a bent model"
+        in found.advice
     )
     chance = replace(found.finding, log_odds=-6.4, noise_factor=2.4, noise_dof=8)
     assert "even with 2.4 times the stated noise, which the residuals suggest, this could be chance" in advice(chance)
@@ -222,7 +223,7 @@ def test_a_sequence_whose_noise_is_larger_than_stated_says_so(stated: float) -> 
     for k in range(40):
         R = Rotation.from_rotvec([0.3, 0.5 + 0.01 * k, 0.1]).as_matrix()
         match = tracker.update(CAMERA.project(source @ R.T + [0.02, 0.01, 0.9]) + rng.normal(0.0, NOISE, (10, 2)))
-        told.append("if a similar object is followed" in match.advice)
+        told.append("or a similar object is followed" in match.advice)
     assert match
     assert told[-1] == (stated < NOISE)
     assert not told[0]
@@ -246,7 +247,7 @@ def test_a_body_that_does_not_fit_is_not_called_chance() -> None:
     match = rm.match(np.vstack(bodies), np.vstack(seen), rm.Rigid(), noise=(0.0, 0.1), bodies=np.repeat([0, 1], 8))
     assert match.bodies[1].status is rm.Status.UNTRUSTED
     assert "body 1 does not fit, body 0 is matched" in match.advice
-    assert match.bodies[1].diagnose().fits[0].remedy == "give noise=(0, 1)"
+    assert match.bodies[1].diagnose().fits[0].remedy == "give `noise=(0, 1)`"
 
 
 def test_few_points_are_not_asked_for_hyper_edges() -> None:
@@ -255,7 +256,7 @@ def test_few_points_are_not_asked_for_hyper_edges() -> None:
         rng.uniform(-0.3, 0.3, (4, 3)), rng.uniform((0, 0), (1280, 960), (6, 2)), rm.P3P(CAMERA), noise=NOISE
     )
     assert match.status is rm.Status.UNTRUSTED
-    assert "give normals, the vertical to `UP2P`, a `prior`, or" in match.advice
+    assert "give normals, a vertical (`UP2P`), a `prior`, or" in match.advice
     assert "hyper-edges" not in match.advice
 
 
@@ -274,7 +275,7 @@ def test_normalised_coordinates_before_a_camera_in_pixels_are_named() -> None:
     given = rm.match(points, image, rm.P3P(rm.Camera(800, 800, 320, 240)))
     assert not given
     assert (
-        "look like normalised coordinates (x/z, y/z), and the camera is in pixels; give Camera(1, 1, 0, 0)"
+        "look like normalised coordinates (x/z, y/z), but the camera is in pixels; give pixels, or `Camera(1, 1, 0, 0)`"
         in given.advice
     )
     assert rm.match(points, image, rm.P3P(rm.Camera(1, 1, 0, 0)), noise=1e-3)
@@ -301,12 +302,12 @@ def test_detections_outside_of_their_image_are_named() -> None:
     upright = rm.Camera(800, 800, 640, 480, size=(960, 1280))
     views = [(one, np.eye(3), np.zeros(3)) for one in (pinhole, pinhole)]
     rig = rm.Rig(views, sizes=[(960, 1280)] * 2)
-    told = "detections are outside of their image, the first at index"
+    told = "detections lie outside their image, the first at index"
     for problem, target in ((rm.P3P(upright), image), (rm.P3P(rig), [image, image])):
         match = rm.match(points, target, problem)
         assert not match
         assert told in match.advice
-        assert "of one of 960 by 1280 pixels; give its size as (width, height)" in match.advice
+        assert "where the image has 960 by 1280 pixels; check its size, (width, height)" in match.advice
     wide = rm.Camera(800, 800, 640, 480, size=(2000, 2000))
     assert told not in rm.match(points, image[:, ::-1], rm.P3P(wide)).advice
 

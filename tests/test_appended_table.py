@@ -69,9 +69,9 @@ def test_no_file_is_left_where_no_row_was_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ({"--noise": "0.3", "--seed": "0"}, r"--noise: '0\.3' given, and it was begun with '0\.5'"),
+        ({"--noise": "0.3", "--seed": "0"}, r"--noise: '0\.3' given, but the file was begun with '0\.5'"),
         ({"--noise": "0.5"}, "--seed: None given"),
-        ({**SETTINGS, "--rho": "2"}, "--rho: '2' given, and it was begun with None"),
+        ({**SETTINGS, "--rho": "2"}, "--rho: '2' given, but the file was begun with None"),
     ],
 )
 def test_other_settings_are_not_mixed_in(tmp_path: Path, settings: dict[str, str], says: str) -> None:
@@ -82,20 +82,20 @@ def test_other_settings_are_not_mixed_in(tmp_path: Path, settings: dict[str, str
         written(path, resume=True, settings=settings)
     assert path.read_bytes() == before
     (tmp_path / "m.csv.settings.json").write_bytes(b"\xff")
-    with pytest.raises(InputError, match="not beside it or cannot be read"):
+    with pytest.raises(InputError, match="are missing or cannot be read"):
         written(path, resume=True)
 
 
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        (b"\n", "row 3: '' is no row of a frame"),
-        (b"x,a,1\n", "row 3: 'x,a,1' is no row"),
-        (b"-1,a,1\n", "is no row"),
-        (b"2\n", "is no row"),
-        (b"1" * 5000 + b",a,1\n", "is no row"),
-        (b"2,\xff,1\n", "is no row"),
-        ("٣,a,1\n".encode(), "is no row"),
+        (b"\n", "row 3: '' is not a row of a frame"),
+        (b"x,a,1\n", "row 3: 'x,a,1' is not a row"),
+        (b"-1,a,1\n", "is not a row"),
+        (b"2\n", "is not a row"),
+        (b"1" * 5000 + b",a,1\n", "is not a row"),
+        (b"2,\xff,1\n", "is not a row"),
+        ("٣,a,1\n".encode(), "is not a row"),
         (b"0,a,1\n0,a,1\n", "row 5: frame 0 after frame 1"),
     ],
 )
@@ -144,7 +144,7 @@ def test_two_processes_do_not_write_one_file(tmp_path: Path) -> None:
 def test_a_pipe_gets_the_rows_and_cannot_be_continued(tmp_path: Path) -> None:
     path = tmp_path / "pipe"
     os.mkfifo(path)
-    with pytest.raises(InputError, match="no file that can be continued"):
+    with pytest.raises(InputError, match="this file cannot be continued"):
         written(path, resume=True)
     reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     written(path)

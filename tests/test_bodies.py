@@ -212,7 +212,7 @@ def test_of_two_bodies_that_are_not_sure_the_likelier_keeps_the_detections() -> 
         ([0.5] * 8, "labels of type float64"),
         ([True] * 8, "labels of type bool"),
         ([None] * 8, "labels of type object"),
-        (["a"] * 5 + ["b"] * 3, "body 'b' has too few points, 3; give it at least 4"),
+        (["a"] * 5 + ["b"] * 3, "body 'b' has 3 points; give it at least 4"),
     ],
 )
 def test_labels_that_cannot_be_used(labels: Any, text: str) -> None:

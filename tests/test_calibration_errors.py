@@ -190,7 +190,7 @@ def test_what_is_no_standard_deviation_is_refused() -> None:
         rm.Rig(RIG.views, position_noise=[0.1, 0.1, 0.1])
     with pytest.warns(rm.InputWarning, match="degrees for radians"):
         rm.Rig(RIG.views, rotation_noise=0.5)
-    with pytest.raises(rm.InputError, match="not exact, and planar takes no account of that"):
+    with pytest.raises(rm.InputError, match="its calibration is not exact, which planar does not allow for"):
         rm.match(99.0 * BODY[:, :2], 99.0 * BODY[:, :2], rm.PlanarMotion(PINHOLE, axis=(0, 1, 0)))
 
 

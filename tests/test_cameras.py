@@ -164,7 +164,7 @@ def test_turn_to_y_refuses_what_is_no_direction(direction: tuple[float, ...]) ->
 
 
 def test_a_camera_that_gives_the_principal_point_first_is_asked_about() -> None:
-    with pytest.warns(InputWarning, match="the order is fx, fy, cx, cy"):
+    with pytest.warns(InputWarning, match="check the order: fx, fy, cx, cy"):
         Camera(640, 480, 700, 700)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

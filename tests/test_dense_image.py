@@ -226,7 +226,7 @@ def test_a_surface_that_is_dense_for_its_noise(count: int, clutter: float) -> No
     off = found.poses[0].R @ made.R.T
     assert math.acos(min(0.5 * (np.trace(off) - 1.0), 1.0)) < ROTATION
     assert found.evaluated > 0
-    assert "the pose is certain, but for" in found.advice
+    assert "the pose is certain, but" in found.advice
 
 
 def test_unit_rays_and_a_fisheye_are_dense_alike() -> None:

@@ -67,9 +67,9 @@ def mistaken(mistake: str, seed: int) -> dict[str, Any]:
     ("mistake", "seed"),
     [
         ("y is measured upwards in the image, or the model is left-handed", 1),
-        ("x and y of the image are exchanged", 1),
+        ("x and y of the image are swapped", 1),
         ("the camera was calibrated at half the size of the image", 1),
-        ("the lens' coefficients are those of a fisheye", 1),
+        ("the lens coefficients are those of a fisheye", 1),
         ("the detections were undistorted already", 4),  # of others, a pose and points that are off absorb most of it
         ("the noise is 10 times as large", 2),
     ],
@@ -175,7 +175,7 @@ def test_exchanged_cameras_of_a_rig_are_named() -> None:
     given = rm.Rig([views[1], views[0], views[2]])
     match = rm.match(points, (pixels, np.repeat([0, 1, 2], 7)), rm.P3P(given), noise=0.3)
     first = match.diagnose(SECONDS).fits[0]
-    assert (first.mistake, first.matched) == ("cameras 0 and 1 are exchanged", 7)
+    assert (first.mistake, first.matched) == ("cameras 0 and 1 are swapped", 7)
     assert "diagnose" in match.advice
 
 
@@ -222,7 +222,7 @@ def test_a_camera_that_was_knocked_is_named(knocked: int | None, monkeypatch: py
     ("change", "mistake"),
     [
         (lambda R, t: (R, -R.T @ t), "the positions C of the cameras are given as t"),
-        (lambda R, t: (R.T, -R.T @ t), "poses of the cameras map to the rig"),
+        (lambda R, t: (R.T, -R.T @ t), "the camera poses map to the rig"),
         (
             lambda R, t: (np.diag([1, -1, -1]) @ R, np.array([1, -1, -1]) * t),
             "the axes of the cameras are those of OpenGL, y up and z backwards",
@@ -259,7 +259,10 @@ def test_a_model_in_millimetres_before_a_rig_in_metres() -> None:
     assert rm.match(points, *given, noise=0.3)
     match = rm.match(1000.0 * points, *given, noise=0.3)
     assert not match
-    assert match.status is not rm.Status.AMBIGUOUS or "check that points and rig are in one unit" in match.advice
+    assert (
+        match.status is not rm.Status.AMBIGUOUS
+        or "check that the points and the rig have the same unit" in match.advice
+    )
     (first,) = match.diagnose(SECONDS).fits
     assert (first.mistake, first.matched) == ("the model is in millimetres, the rig in metres", 8)
 
@@ -305,7 +308,7 @@ def test_half_a_pixel_is_named_once_and_only_if_no_other_shift_fits_as_well() ->
     ("given", "seed", "mistake", "found"),
     [
         (rm.Camera(720.0, 720.0, 640.0, 480.0), 1, "the focal length is wrong", "fx is about 900"),
-        (CAMERA, 6, "the camera has distortion that was left out", "k1 about -0.3"),
+        (CAMERA, 6, "the camera's distortion was left out", "k1 about -0.3"),
     ],
 )
 def test_a_wrong_calibration_is_named_with_one_that_fits(given: rm.Camera, seed: int, mistake: str, found: str) -> None:
@@ -339,7 +342,9 @@ def test_nothing_is_named_where_nothing_is_to_be_found() -> None:
     match = rm.match(rng.uniform(-0.3, 0.3, (8, 3)), rng.uniform(0, 900, (9, 2)), rm.P3P(CAMERA), noise=0.3)
     found = match.diagnose(SECONDS)
     assert found.fits == ()
-    assert str(found).startswith(f"diagnosis: none of {len(found.trials)} usual mistakes alone explains the points")
+    assert str(found).startswith(
+        f"diagnosis: none of the {len(found.trials)} usual mistakes explains the points by itself"
+    )
     assert found.nearest is None
     assert "nearest" not in str(found)
     assert all(one.probability is None or one.probability < 0.5 for one in found.trials)
@@ -360,21 +365,21 @@ def test_mistakes_are_those_that_a_problem_allows() -> None:
     """Each can be made into a task; what a problem has not is not tried."""
     given = scene(5)
     plain = rm.match(**given)
-    assert names(plain) >= {"cx and cy are exchanged", "the noise is 3 times as large"}
+    assert names(plain) >= {"cx and cy are swapped", "the noise is 3 times as large"}
     assert not names(plain) & {"the normals point inwards", "one of the verticals is upside down"}
     upright = rm.match(**given | {"problem": rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0))})
     assert names(upright) >= {"one of the verticals is upside down", "x is mirrored, or the model is left-handed"}
     pair = rm.match(
         given["target"], given["target"] + 3.0, rm.ThreePlusOne(CAMERA, axis=(0, 1, 0), axis2=(0, 1, 0)), max_seconds=1
     )
-    assert names(pair) >= {"one of the axes is reversed", "x and y of the image are exchanged"}
+    assert names(pair) >= {"one of the axes is reversed", "x and y of the image are swapped"}
     rays = rm.match(given["source"], CAMERA.bearings(given["target"]), rm.P3P(rm.Bearings()), noise=3e-4)
     assert "the noise is in degrees" in names(rays)
-    assert "cx and cy are exchanged" not in names(rays)
+    assert "cx and cy are swapped" not in names(rays)
     turned = Rotation.from_euler("y", 30, degrees=True).as_matrix()
     rig = rm.Rig([(CAMERA, np.eye(3), np.zeros(3)), (BROWN, turned, np.array([0.1, 0, 0]))])
     both = rm.match(given["source"], (given["target"], np.zeros(10, int)), rm.P3P(rig), noise=0.3)
-    assert names(both) >= {"poses of the cameras map to the rig", "the detections were undistorted already"}
+    assert names(both) >= {"the camera poses map to the rig", "the detections were undistorted already"}
     for match in (plain, upright, pair, rays, both):
         for mistake in usual_mistakes(match.task):
             if mistake.name.startswith("camera ") or mistake.fitted:
@@ -423,11 +428,11 @@ def test_on_the_command_line(tmp_path: Path) -> None:
     options = ["--problem", "p3p", "--camera", "900,900,640,480", "--noise", "0.3", "--diagnose"]
     result = CliRunner().invoke(app, ["match", *files, *options, "--json"])
     assert result.exit_code == 1
-    named = "diagnosis: x and y of the image are exchanged: matched, 8 points"
+    named = "diagnosis: x and y of the image are swapped: matched, 8 points"
     assert named in result.stderr
     record = json.loads(result.stdout)
     best = record["diagnosis"]["fits"][0]
-    assert (best["mistake"], best["status"], best["matched"]) == ("x and y of the image are exchanged", "matched", 8)
+    assert (best["mistake"], best["status"], best["matched"]) == ("x and y of the image are swapped", "matched", 8)
     assert record["diagnosis"]["given"]["status"] == record["status"] == "untrusted"
     frames = [[k, *point] for k in range(2) for point in given["target"][:, :: -1 if k == 0 else 1].tolist()]
     files[1] = str(tmp_path / "frames.csv")
@@ -435,7 +440,7 @@ def test_on_the_command_line(tmp_path: Path) -> None:
     many = CliRunner().invoke(app, ["match", *files, *options])
     assert f"frame 1, the first that is not matched:\n{named}" in many.stderr
     tracked = CliRunner().invoke(app, ["track", *files, *options])
-    assert "rootmatch: --diagnose: `rootmatch match` has it, with the same files" in tracked.stderr
+    assert "rootmatch: --diagnose: `rootmatch match --diagnose` with the same files" in tracked.stderr
 
 
 @pytest.mark.parametrize("absent", [0, 1])
@@ -470,13 +475,13 @@ def test_a_second_mistake_does_not_hide_the_first() -> None:
     """A model in another unit than its rig, and off by more than was stated: neither correction alone is trusted."""
     model, rows, problem = part_before_a_rig(flat=False, off=0.0025)
     match = rm.match(model / 1000.0, rows, problem, noise=0.3)
-    assert "by its residuals the noise is" in match.advice
-    assert "check that points and rig are in one unit, or see `diagnose`" in match.advice
+    assert "judging by the residuals, the noise is" in match.advice
+    assert "check that the points and the rig have the same unit, or see `diagnose`" in match.advice
     found = match.diagnose(SECONDS)
     assert found.fits == ()
     assert found.nearest is not None
     assert found.nearest.mistake == "the model is in metres, the rig in millimetres"
-    assert "; the nearest is the model is in metres" in str(found)
+    assert "; the closest is the model is in metres" in str(found)
 
 
 def test_of_equally_probable_mistakes_the_commonest_is_named_first() -> None:

@@ -1,4 +1,4 @@
-"""What the advice says of a point that is not where the model has it."""
+"""What the advice says of a point that seems displaced."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def test_a_bent_tool_is_matched_and_told(seed: int) -> None:
     match = rm.match(TOOL, rows(bent, seed), rm.P3P(RIG), noise=0.2)
     assert match
     assert match.assignment[2] == -1
-    assert "point 2 is not where the model has it" in match.advice
-    assert "px from its place in 2 cameras" in match.advice
+    assert "point 2 seems displaced" in match.advice
+    assert "px from where the model puts it in 2 cameras" in match.advice
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -45,7 +45,7 @@ def test_a_hidden_sphere_is_not_elsewhere(seed: int) -> None:
     hidden = np.delete(every, [2, len(every) // 2 + 2], axis=0)
     match = rm.match(TOOL, hidden, rm.P3P(RIG), noise=0.2)
     assert match
-    assert "not where" not in match.advice
+    assert "displaced" not in match.advice
 
 
 @pytest.mark.parametrize("strays", [0, 40])
@@ -59,7 +59,7 @@ def test_one_camera_does_not_tell_it_from_one_of_many_stray_detections(strays: i
     match = rm.match(body, every, rm.P3P(CAMERA), noise=0.2)
     assert match
     assert match.assignment[4] == -1
-    assert ("point 4 is not where" in match.advice) == (strays == 0)
+    assert ("point 4 seems displaced" in match.advice) == (strays == 0)
 
 
 def test_the_detection_of_another_body_is_none_of_a_point() -> None:
@@ -78,7 +78,7 @@ def test_the_detection_of_another_body_is_none_of_a_point() -> None:
     match = rm.match(points, np.concatenate(every), rm.P3P(RIG), noise=0.2, bodies=["tool"] * 5 + ["other"] * 6)
     assert match
     assert match.bodies is not None
-    assert "not where" not in match.bodies["tool"].advice
+    assert "displaced" not in match.bodies["tool"].advice
 
 
 @pytest.mark.parametrize("problem", [rm.Rigid(), rm.Similarity()])
@@ -92,11 +92,11 @@ def test_another_tool_is_told_between_point_sets(problem: rm.Similarity) -> None
     match = rm.match(TOOL, seen, problem, noise=(0.0, 0.2))
     assert match
     assert match.assignment[2] == -1
-    assert "point 2 is not where the model has it: a detection is 2" in match.advice
-    assert "σ from its place" in match.advice
+    assert "point 2 seems displaced: a detection is 2" in match.advice
+    assert "σ from where the model puts it" in match.advice
     hidden = rm.match(TOOL, np.delete(seen, 2, axis=0), problem, noise=(0.0, 0.2))
     assert hidden
-    assert "not where" not in hidden.advice
+    assert "displaced" not in hidden.advice
 
 
 def test_a_marker_of_another_tool_is_none_of_a_point_between_point_sets() -> None:
@@ -106,4 +106,4 @@ def test_a_marker_of_another_tool_is_none_of_a_point_between_point_sets() -> Non
     match = rm.match(points, np.delete(points, 2, axis=0) + 5.0, rm.Rigid(), noise=0.2, bodies=[0] * 5 + [1] * 6)
     assert match
     assert match.bodies is not None
-    assert "not where" not in match.bodies[0].advice
+    assert "displaced" not in match.bodies[0].advice

@@ -274,10 +274,10 @@ TRIPLES = [
 """Where two features meet in a third one."""
 
 REFUSED: dict[tuple[str, ...], str] = {
-    ("Rigid", "normals"): "normals: rigid does not use them",
-    ("Rigid", "view_angle"): "normals: rigid does not use them",
+    ("Rigid", "normals"): "normals: rigid cannot use them",
+    ("Rigid", "view_angle"): "normals: rigid cannot use them",
     ("Rigid", "resolution"): "resolution: rigid has no camera",
-    ("bodies", "auto noise"): 'noise: "auto" is not estimated from several bodies',
+    ("bodies", "auto noise"): 'noise: "auto" cannot be estimated from several bodies',
     ("Tracker", "auto noise"): "noise: 'auto' given; a tracker needs",
 }
 """Features that do not go together, and how the error begins that says so."""
@@ -425,7 +425,7 @@ def test_a_wrong_prior_of_one_body_is_told() -> None:
     assert match.bodies is not None
     assert match.bodies["head"].prior_holds is True
     assert match.bodies["left"].prior_holds is False
-    assert "this pose contradicts the prior and was found without it" in match.bodies["left"].advice
+    assert "this pose contradicts the prior, which was ignored" in match.bodies["left"].advice
 
 
 # A rig whose images end: what lies outside of one is no evidence against a pose, on every path.

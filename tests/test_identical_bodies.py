@@ -58,7 +58,7 @@ def test_what_one_of_many_copies_may_be_each_may_be(shown: int) -> None:
     assert match.bodies is not None
     for body in match.bodies.values():
         assert body.status is rm.Status.AMBIGUOUS
-        assert "of 6 bodies that are the same no image tells which is where" in body.advice
+        assert "6 bodies are identical, and no image tells which is where" in body.advice
     found = [body.probability for body in match.bodies.values() if (body.assignment >= 0).any()]
     assert found == pytest.approx(shown * [1.0 / 6.0], abs=0.02)
 
@@ -156,7 +156,7 @@ def test_one_of_two_identical_tools_in_space_may_be_either(height: float, stray:
     assert match.bodies is not None
     assert {one.status for one in match.bodies.values()} == {rm.Status.AMBIGUOUS}
     for one in match.bodies.values():
-        assert "of 2 bodies that are the same no measurement tells which is where" in one.advice
+        assert "2 bodies are identical, and no measurement tells which is where" in one.advice
         places = [one.assignment, *(other for other, _ in one.alternatives)]
         assert any(np.array_equal(place, np.arange(4)) for place in places)
 

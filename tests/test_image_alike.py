@@ -269,7 +269,7 @@ def test_a_bent_body_before_a_rig_is_not_taken_for_noise() -> None:
         body, rig, target, *_ = hand_before_five(seed, 0.0, SIGMA, bent=math.radians(6.0))
         match = rm.match(body, target, rm.P3P(rig), noise=SIGMA)
         assert not match
-        assert "if the points of the body are off by" in match.advice
+        assert "if the points of the model are off by" in match.advice
 
 
 @pytest.mark.parametrize("seed", [1002, 1008, 1009, 1010, 1011, 1014])

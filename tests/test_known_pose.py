@@ -62,22 +62,22 @@ class Scene:
         ({"rotation": np.eye(3)}, r"rotation: give \(R, σ\)"),
         ({"rotation": (np.eye(4), 0.1)}, r"R of shape \(4, 4\) given; give a rotation matrix \(3, 3\), or \(2, 2\)"),
         ({"rotation": (np.eye(2), 0.1), "position": (np.zeros(3), 0.1)}, "some of it is in a plane and some in space"),
-        ({"rotation": (2.0 * np.eye(3), 0.1)}, "R is no rotation"),
+        ({"rotation": (2.0 * np.eye(3), 0.1)}, "R is not a rotation"),
         ({"rotation": (np.eye(3), -0.1)}, "σ -0.1 given; a standard deviation is not negative"),
-        ({"rotation": (np.eye(3), 10.0)}, "σ 10 given, in radians: 573°; give radians up to 1, such as"),
+        ({"rotation": (np.eye(3), 10.0)}, "σ of 10 radians given, 573°; give radians up to 1, such as"),
         (
             {"rotation": (np.eye(3), 2.0)},
-            r"σ 2 given, in radians: 115°; give radians up to 1, such as np\.radians\(2\.0\)",
+            r"σ of 2 radians given, 115°; give radians up to 1, such as np\.radians\(2\.0\)",
         ),
-        ({"rotation": (np.eye(3), (0.1, 4.0, 0.1))}, "σ 4 given, in radians: 229°"),
+        ({"rotation": (np.eye(3), (0.1, 4.0, 0.1))}, "σ of 4 radians given, 229°"),
         ({"position": ((0.0,), 0.1)}, "position of shape"),
         ({"position": ((0.0, 0.0, np.nan), 0.1)}, "NaN or infinity"),
         ({"position": ((0.0, 0.0, 1.0), (np.inf, np.inf, 0.1))}, "nothing is known, the size of the space"),
         ({"position": ((0.0, 0.0, 1.0), -np.eye(3))}, "not symmetric, or has a negative eigenvalue"),
         ({"vertical": ((0.0, 1.0, 0.0), 0.1)}, "vertical: give"),
         ({"vertical": ((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.1)}, "its length is 0"),
-        ({"vertical": ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 2.0)}, r"^prior: vertical: σ 2 given, in radians: 115°"),
-        ({"vertical": ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), -0.1)}, "give one number of radians, not a negative one"),
+        ({"vertical": ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 2.0)}, r"^prior: vertical: σ of 2 radians given, 115°"),
+        ({"vertical": ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), -0.1)}, "give one number of radians, not negative"),
     ],
 )
 def test_what_is_no_knowledge_is_refused_once(given: dict[str, Any], text: str) -> None:
@@ -98,7 +98,7 @@ def test_what_is_shown_is_what_was_given() -> None:
 def test_what_does_not_go_together_is_refused() -> None:
     scene = Scene(0)
     vertical = scene.prior("vertical")
-    with pytest.raises(rm.InputError, match=r"^prior: UP2P has a vertical"):
+    with pytest.raises(rm.InputError, match=r"^prior: UP2P already has a vertical"):
         rm.match(scene.body, scene.target, rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0)), prior=vertical)
     with pytest.raises(rm.InputError, match=r"^prior: 3p1 has no pose"):
         rm.match(scene.target, scene.target, rm.ThreePlusOne(CAMERA, axis=(0, 1, 0), axis2=(0, 1, 0)), prior=vertical)
@@ -200,7 +200,7 @@ def test_wrong_knowledge_is_noticed() -> None:
     match = scene.match(rm.PosePrior(rotation=(wrong, TURN)))
     assert scene.is_right(match)
     assert match.prior_holds is False
-    assert "this pose contradicts the prior and was found without it" in match.advice
+    assert "this pose contradicts the prior, which was ignored" in match.advice
 
 
 def test_wrong_knowledge_is_noticed_before_a_telephoto_lens() -> None:

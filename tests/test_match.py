@@ -162,7 +162,7 @@ def test_advice_tells_of_detections_that_are_reported_twice() -> None:
     again = scene.target + np.random.default_rng(0).normal(0.0, 0.5, scene.target.shape)
     twice = rm.match(scene.source, np.vstack([scene.target, again]), scene.problem, noise=0.5)
     assert not twice
-    assert "each thing is reported twice, merge them" in twice.advice
+    assert "reports each point twice, merge such pairs" in twice.advice
     some = rm.match(scene.source, scene.target[:5], scene.problem, noise=0.5)
     assert not some
     assert "twice" not in some.advice
@@ -174,7 +174,7 @@ def test_a_symmetric_object_is_called_ambiguous() -> None:
     points = square @ np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]).T + [0.1, 0.2, 12]
     match = rm.match(square, camera.project(points), rm.P3P(camera), noise=0.5)
     assert match.status is rm.Status.AMBIGUOUS
-    assert "give normals, or the vertical to `UP2P`" in match.advice
+    assert "give normals, or a vertical (`UP2P`)" in match.advice
     assert match.margin < 0.1
     answers = [match.assignment, *(other for other, _ in match.alternatives)]
     assert any(np.array_equal(answer, [0, 1, 2, 3, 4, 5]) for answer in answers[:6])
@@ -203,7 +203,7 @@ def test_pose_is_recovered() -> None:
         ({"sampler": "some"}, "exhaustive"),
         ({"rho": 0.0}, "positive"),
         ({"motions": 0}, "auto"),
-        ({"candidates": np.zeros((10, 10), dtype=bool)}, "none is allowed"),
+        ({"candidates": np.zeros((10, 10), dtype=bool)}, "no pair is allowed"),
         ({"candidates": np.ones((3, 3), dtype=bool)}, "shape"),
         ({"normals": np.ones((3, 3))}, "normals"),
         ({"max_evaluations": 1000, "sampler": "exhaustive"}, "random"),

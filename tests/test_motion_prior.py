@@ -262,7 +262,7 @@ def test_priors_that_do_not_go_with_the_rest_are_refused() -> None:
     for problem in (rm.Similarity(mirror=True), rm.Rigid(mirror=True)):
         with pytest.raises(rm.InputError, match=r"^problem: .* given; a tracker follows"):
             rm.Tracker(TOOL, problem)
-    with pytest.raises(rm.InputError, match=r"^prior: it is weighed by the model of one motion"):
+    with pytest.raises(rm.InputError, match=r"^prior: it needs the model of a single motion"):
         rm.match(TOOL, target, rm.Rigid(), prior=prior, motions=2)
 
 

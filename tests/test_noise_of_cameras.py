@@ -78,10 +78,10 @@ def test_a_tracker_multiplies_a_list_by_camera() -> None:
     ("noise", "message"),
     [
         ([np.full(3, 0.5)] * 4, "3 given for camera 0, which has 7 detections"),
-        ([np.full(7, 0.5)] * 3, "a list of 3 given, and the rig has 4 cameras and 28 detections"),
+        ([np.full(7, 0.5)] * 3, "a list of 3 given, but the rig has 4 cameras and 28 detections"),
         ([0.5, 0.5, 0.5], "shape"),
         ([0.5, "a", 0.5, 0.5], "noise of camera 1: it is not an array of numbers"),
-        ([0.5, 0.0, 0.5, 0.5], "0 given, with which no measured point fits"),
+        ([0.5, 0.0, 0.5, 0.5], "0 given, which no measured point can fit"),
     ],
 )
 def test_what_is_no_noise_of_cameras_has_one_error(noise: Any, message: str) -> None:

@@ -411,7 +411,7 @@ def test_standard_output_as_a_file(forked: Callable[..., Command], scene: Path, 
     assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
     refused = forked(arguments(scene, "--output", "-", "--json"))
     assert refused.code == 2
-    assert refused.stderr == "rootmatch: --json: one of the files is standard output too; give another\n"
+    assert refused.stderr == "rootmatch: --json: another output goes to standard output too; give that one a file\n"
 
 
 @UNIX

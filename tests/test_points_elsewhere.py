@@ -47,12 +47,12 @@ def test_one_point_elsewhere_is_seldom_of_something_else(strays: int) -> None:
     match = matched(pixels(OTHER, strays))
     assert match.status is rm.Status.MATCHED
     assert match.assignment.tolist() == [0, 1, 2, -1, 4]
-    assert "point 3 is not where the model has it" in match.advice
+    assert "point 3 seems displaced" in match.advice
     assert np.log(0.005) < log_odds(match) < np.log(0.01)
     assert match.probability == pytest.approx(1.0 - np.exp(log_odds(match)), abs=3e-3)
     doubted = matched(pixels(OTHER, strays), min_probability=0.995)
     assert not doubted
-    assert "something else with a point elsewhere" in doubted.advice
+    assert "another object that differs in a point" in doubted.advice
 
 
 def test_the_denser_the_clutter_the_more_probably_it_is_a_stray() -> None:

@@ -47,7 +47,7 @@ def test_known_exactly_is_no_error() -> None:
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ((2.0 * R, T), "R is no rotation"),
+        ((2.0 * R, T), "R is not a rotation"),
         ((np.diag([1.0, 1.0, -1.0]), T), "a reflection"),
         ((R[:2], T), "R of shape"),
         ((R, T[:2]), "t of shape"),
@@ -55,8 +55,8 @@ def test_known_exactly_is_no_error() -> None:
         (("x", T), "R is not an array"),
         ((R, T, np.eye(5)), "covariance of shape"),
         ((R, T, np.eye(6) + np.eye(6, k=1)), "not symmetric"),
-        ((R, T, -np.eye(6)), "not positive"),
-        ((R, T, np.eye(6) + 2.0 * (np.eye(6, k=1) + np.eye(6, k=-1))), "not positive"),
+        ((R, T, -np.eye(6)), "a negative eigenvalue"),
+        ((R, T, np.eye(6) + 2.0 * (np.eye(6, k=1) + np.eye(6, k=-1))), "a negative eigenvalue"),
         ((R, T, np.diag([1.0, 1.0, 1.0, 1.0, 1.0, np.inf])), "covariance holds NaN"),
     ],
 )

@@ -103,7 +103,7 @@ def test_what_is_no_pose() -> None:
     for matrix, text in (
         (np.eye(5), r"shape \(5, 5\)"),
         (np.diag([1.0, 1.0, 1.0, 2.0]), "last row"),
-        (np.zeros((4, 4)) + np.diag([0.0, 0.0, 0.0, 1.0]), "without an inverse"),
+        (np.zeros((4, 4)) + np.diag([0.0, 0.0, 0.0, 1.0]), "singular matrix"),
         (np.diag([1.0, 2.0, 3.0, 1.0]), "R"),
         (np.full((4, 4), np.nan), "finite"),
     ):

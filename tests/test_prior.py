@@ -80,7 +80,7 @@ def test_three_detections_are_enough() -> None:
     assert np.array_equal(match.assignment, [0, -1, 1, -1, -1, 2])
     nothing = rm.match(made["source"], target, rm.P3P(CAMERA), noise=0.3, prior=predicted(made, 5, scale=40.0))
     assert nothing.status is rm.Status.UNTRUSTED
-    assert "the predicted pose is not confirmed" in nothing.advice
+    assert "the detections do not confirm the predicted pose" in nothing.advice
 
 
 def test_a_wrong_prior_is_noticed() -> None:
@@ -88,7 +88,7 @@ def test_a_wrong_prior_is_noticed() -> None:
     match = matched(made, predicted(made, 2, scale=20.0))
     assert match.status is rm.Status.MATCHED
     assert match.prior_holds is False
-    assert "this pose contradicts the prior and was found without it" in match.advice
+    assert "this pose contradicts the prior, which was ignored" in match.advice
     assert np.array_equal(match.assignment, made["truth"])
 
 
@@ -225,7 +225,7 @@ def test_a_vertical_narrows_a_prediction() -> None:
         (np.eye(4), "prior: ndarray given"),
         (rm.Pose(np.eye(3), T), "with a covariance"),
         (rm.Pose(np.eye(2), T[:2], np.eye(3)), "in space"),
-        ({"a": rm.Pose(np.eye(3), T, SPREAD)}, "prior: dict given, of 'a', but no labels"),
+        ({"a": rm.Pose(np.eye(3), T, SPREAD)}, "prior: a dict for 'a' given without bodies="),
     ],
 )
 def test_priors_that_cannot_be_used(prior: Any, text: str) -> None:

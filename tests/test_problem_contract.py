@@ -300,7 +300,7 @@ def test_normals(case: Case) -> None:
 
 def test_view_angle(case: Case) -> None:
     """A point is seen within the angle of its normal, by searches (with their slack) and by fits."""
-    with pytest.raises(rm.InputError, match="view_angle: no normals given"):
+    with pytest.raises(rm.InputError, match="view_angle: it is measured from the normals"):
         case.match(view_angle=0.7)
     if not case.problem.takes_normals:
         return
@@ -318,7 +318,7 @@ def test_view_angle(case: Case) -> None:
     assert match.assignment[0] == case.truth[0]
     with pytest.raises(rm.InputError, match="view_angle: shape"):
         case.match(normals=normals, view_angle=angles[1:])
-    with pytest.raises(rm.InputError, match=r"1.3°, beyond which no point .* --view-angle 70"):
+    with pytest.raises(rm.InputError, match=r"1.3°, within which no point .* --view-angle 70"):
         case.match(normals=normals, view_angle=np.radians(1.3))
     with pytest.raises(rm.InputError, match=r"\(0, π\]"):
         case.match(normals=normals, view_angle=0.0)

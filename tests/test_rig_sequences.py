@@ -155,7 +155,7 @@ def test_three_points_in_three_cameras_are_enough() -> None:
     alone = kept(scene, chosen[:2])
     found = rm.match(scene.points, alone.rows, rm.P3P(RIG), prior=prior, **KNOWN)
     assert found.status is rm.Status.UNTRUSTED
-    assert "not confirmed" in found.advice
+    assert "do not confirm" in found.advice
 
 
 def test_a_wrong_prediction_is_noticed() -> None:

@@ -89,16 +89,16 @@ def test_images_of_the_cameras_lie_side_by_side() -> None:
         ([np.ones((3, 2)), np.ones((2, 2)), np.ones((1, 2))], "3 arrays given, and the rig has 2 cameras; give one"),
         (
             [np.ones((3, 2)), np.ones((2, 3))],
-            r"shape \(2, 3\) given for camera 1, \(m, 2\) expected; of a rig, give \(pix",
+            r"shape \(2, 3\) given for camera 1, \(m, 2\) expected; for a rig, give \(pix",
         ),
         ([[[1.0, 2.0], [3.0]], [[1.0, 2.0]]], "target of camera 0: it is not an array of numbers; give shape"),
         ([[[1.0, 2.0]], [[1.0, 2.0], [3.0]]], "target of camera 1: it is not an array of numbers; give shape"),
         (
             np.ones((2, 5, 2)),
-            r"shape \(2, 5, 2\) given; of a rig, give \(pixels, index of the camera of each\) or a list",
+            r"shape \(2, 5, 2\) given; for a rig, give \(pixels, camera index of each\) or a list",
         ),
-        ([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]], r"shape \(3, 2\) given; of a rig, give"),
-        (([[1.0, 2.0]], ["left"]), "an index of the camera for each pixel; of a rig, give"),
+        ([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]], r"shape \(3, 2\) given; for a rig, give"),
+        (([[1.0, 2.0]], ["left"]), "an index of the camera for each pixel; for a rig, give"),
     ],
 )
 def test_what_is_no_list_by_camera_is_refused_with_the_right_forms(target: Any, words: str) -> None:
@@ -218,7 +218,7 @@ def test_a_rig_on_the_command_line(tmp_path: Path) -> None:
         ([(LENS, np.eye(3))], "2 entries"),
         ([(np.eye(3), np.eye(3), np.zeros(3))], "Camera with pixels"),
         ([(rm.Bearings(), np.eye(3), np.zeros(3))], "Camera with pixels"),
-        ([(LENS, -np.eye(3), np.zeros(3))], "no rotation"),
+        ([(LENS, -np.eye(3), np.zeros(3))], "not a rotation"),
         ([(LENS, np.eye(2), np.zeros(3))], "shape"),
         ([(LENS, np.eye(3), [0.0, np.nan, 0.0])], "NaN"),
         ([(LENS, "turned", np.zeros(3))], "numbers"),

@@ -44,7 +44,7 @@ def test_a_gear_is_not_one_with_another_tooth(seed: int) -> None:
         target = rng.permutation(pixels + rng.normal(0.0, SIGMA, pixels.shape))
         match = rm.match(gear(16), target, rm.P3P(CAMERA), noise=SIGMA)
         assert bool(match) == (teeth == 16)
-        assert match or "something else of nearly its shape" in match.advice
+        assert match or "an object of nearly the same shape" in match.advice
 
 
 def bent(bend: float, matched: int) -> tuple[DetectionModel, Modes, float]:

@@ -56,7 +56,7 @@ class Scene:
         (-0.1, "-0.1 given; a standard deviation is not negative"),
         (np.tile(np.triu(np.ones((3, 3))), (10, 1, 1)), "a covariance is not symmetric"),
         (np.tile(np.diag([1.0, 1.0, -1.0]), (10, 1, 1)), "a covariance has a negative eigenvalue"),
-        (1e6, "more than the points lie apart"),
+        (1e6, "more than the distance between points"),
     ],
 )
 def test_what_is_no_noise_of_points_is_refused_once(noise: Any, text: str) -> None:
@@ -197,7 +197,9 @@ def test_noise_of_detections_is_estimated_beside_that_of_the_model() -> None:
 
 def test_noise_is_not_estimated_beside_that_of_one_of_two_point_sets() -> None:
     scene = Scene(0)
-    with pytest.raises(rm.InputError, match=r"^noise: .*source_noise= of point sets; give a number"):
+    with pytest.raises(
+        rm.InputError, match=r"^noise: .*source_noise= cannot be combined for point sets; give a number"
+    ):
         rm.match(scene.model, scene.placed, rm.Rigid(), noise="auto", source_noise=SIGMA)
 
 

@@ -125,13 +125,13 @@ def test_degrees_for_radians_are_asked_about(sigma: float) -> None:
     camera = rm.Camera(800.0, 800.0, 320.0, 240.0)
     down = (0.0, 1.0, 0.0)
     degrees = f"{np.degrees(sigma):.0f}°; degrees for radians"
-    with pytest.warns(rm.InputWarning, match=f"prior: vertical: σ {sigma:g} given, in radians: {degrees}") as told:
+    with pytest.warns(rm.InputWarning, match=f"prior: vertical: σ of {sigma:g} radians given, {degrees}") as told:
         rm.PosePrior(vertical=(down, down, sigma))
     assert told[0].filename == __file__
     with pytest.warns(rm.InputWarning, match=degrees):
         rm.PosePrior(rotation=(np.eye(3), sigma))
     if sigma < 1.0:
-        with pytest.warns(rm.InputWarning, match=f"vertical_noise: σ {sigma:g} given") as told:
+        with pytest.warns(rm.InputWarning, match=f"vertical_noise: σ of {sigma:g} radians given") as told:
             rm.UP2P(camera, vertical_camera=down, vertical_world=down, vertical_noise=sigma)
         assert told[0].filename == __file__
     with warnings.catch_warnings():

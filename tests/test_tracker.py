@@ -308,7 +308,7 @@ def test_times_go_forward() -> None:
 @pytest.mark.parametrize(
     ("times", "said"),
     [
-        (1000.0 * INTERVAL * np.arange(12), ["time: the frames are 16.7 s apart; where times are in milliseconds"]),
+        (1000.0 * INTERVAL * np.arange(12), ["time: the frames are 16.7 s apart; if times are in milliseconds"]),
         (INTERVAL * np.arange(12), []),
         (np.array([0.0, 60.0, 120.0, 120.1, 120.2, 120.3, 180.0, 240.0, 300.0]), []),  # seconds, with pauses
         (2.0 * np.arange(5), []),  # of four steps nothing is said

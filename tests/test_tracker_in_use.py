@@ -117,7 +117,7 @@ def test_a_body_that_jumps_is_ambiguous_if_another_may_have_been_there_and_the_a
     monkeypatch.setattr(belief, "overlooked_chance", lambda *_: 1.0)
     match = tracker.update(frame(12, bumped=True), time=12 / 60.0)
     assert match.status is rm.Status.AMBIGUOUS
-    assert "another one that looks like it" in match.advice
+    assert "a look-alike that came into view" in match.advice
 
 
 def test_what_the_last_frame_had_no_room_for_was_not_in_view() -> None:

@@ -82,7 +82,7 @@ def test_what_may_be_a_lens_is_not_dropped(tmp_path: Path, suffix: str, name: st
         model = {"distortion_model": "plumb_bob"} if suffix == "ros" else {}
         path.write_text(yaml.safe_dump({"camera_matrix": K.tolist(), **model, name: BROWN}))
     for read in (rm.read_cameras, read_camera):
-        with pytest.raises(InputError, match=f"'{name}' is .* it may be a lens, and is not read") as caught:
+        with pytest.raises(InputError, match=f"'{name}' is .* this may be a lens, but is not read") as caught:
             read(path)
         assert str(caught.value).startswith(str(path))
         assert "\n" not in str(caught.value)
@@ -94,7 +94,7 @@ def test_what_may_be_a_lens_is_not_dropped(tmp_path: Path, suffix: str, name: st
         ({"radial": [-0.1, 0.02]}, "'radial' is"),
         ({"lens": {"k1": -0.1, "k2": 0.02}}, "'lens' is"),
         ({"radial_distortion": -0.1}, "'radial_distortion' is -0.1"),
-        ({"k1": -0.1, "k2": 0.02}, "k1 alone; give all coefficients as a list"),
+        ({"k1": -0.1, "k2": 0.02}, "k1 is given on its own; give all coefficients as a list"),
         ({"D": BROWN, "distortion_type": "fluffy"}, "distortion_type is 'fluffy'"),
     ],
 )
@@ -121,5 +121,5 @@ def test_metadata_is_ignored(tmp_path: Path, beside: str) -> None:
 def test_a_camchain_with_a_lens_by_another_name_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "camchain.yaml"
     path.write_text(yaml.safe_dump({"cam0": {**KALIBR, "dist_coeffs": BROWN}}))
-    with pytest.raises(InputError, match=r"'cam0': 'dist_coeffs' is .* it may be a lens"):
+    with pytest.raises(InputError, match=r"'cam0': 'dist_coeffs' is .* this may be a lens"):
         rm.read_cameras(path)

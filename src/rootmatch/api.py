@@ -61,14 +61,15 @@ def residuals(
         If points or indices cannot be used.
     """
     if problem.rig is not None:
-        raise InputError("residuals: hyper-edges are within one camera; give that one instead of the rig")
+        raise InputError("residuals: a hyper-edge lies within one camera; give that camera instead of the rig")
     tables = problem.prepare(source, target, noise)
     n, n_target = len(np.asarray(source)), len(np.asarray(target))
     first = check_indices(source_index, n, problem.order, "source_index")
     second = check_indices(target_index, n_target, problem.order, "target_index")
     if first.shape != second.shape:
         raise InputError(
-            f"source_index {first.shape} and target_index {second.shape} differ in shape; give one of each a row"
+            f"source_index has shape {first.shape} and target_index {second.shape}; give the same shape, one "
+            "hyper-edge a row"
         )
     chosen = kind if isinstance(kind, Residual) else Residual(kind)
     kernel_kind = chosen.kernel_kind(problem.pair_count, problem.name)

@@ -50,7 +50,9 @@ def connect_client(scheduler: str) -> Any:
         # Untyped, and not installed everywhere.
         distributed: Any = import_module("distributed")
     except ImportError:
-        raise InputError("a scheduler needs Dask: pip install 'rootmatch[cluster]', or go without one") from None
+        raise InputError(
+            "scheduler: Dask is not installed; pip install 'rootmatch[cluster]', or leave it out"
+        ) from None
     if scheduler.startswith("tls:") and distributed.Security().get_connection_args("client").get("ssl_context") is None:
         raise InputError(
             f"scheduler: {scheduler} needs certificates; name them in Dask's configuration, distributed.comm.tls"

@@ -46,7 +46,7 @@ class Colmap(Lens):
             raise InputError(f"camera: COLMAP's model {self.model} has no focal length; give another camera")
         if len(names) != len(focal) + len(centre) + len(self.values):
             raise InputError(
-                f"camera: model {self.model} has {len(names)} parameters, {', '.join(names)}; give that many"
+                f"camera: model {self.model} has {len(names)} parameters: {', '.join(names)}; give that many"
             )
 
     @cached_property

@@ -88,7 +88,7 @@ class Camera(CameraModel):
             if not np.isfinite(value):
                 raise InputError(f"camera: {name} is {value}; give a finite number of pixels")
             if abs(value) > MOST:
-                raise InputError(f"camera: {name} is {value:g}, which no camera has; give a number of pixels")
+                raise InputError(f"camera: {name} is {value:g}, more than any camera has; give a number of pixels")
             object.__setattr__(self, name, value)
         for name in ("fx", "fy"):
             if getattr(self, name) <= 0.0:
@@ -101,7 +101,7 @@ class Camera(CameraModel):
                     "give it in pixels, not in metres"
                 )
         if not 1.0 / UNEQUAL < self.fx / self.fy < UNEQUAL:
-            told = f"camera: fx {self.fx:g} and fy {self.fy:g} differ by far; the order is fx, fy, cx, cy"
+            told = f"camera: fx {self.fx:g} and fy {self.fy:g} differ widely; check the order: fx, fy, cx, cy"
             warnings.warn(told, InputWarning, stacklevel=3)
         for name in ("focal_noise", "centre_noise"):
             object.__setattr__(self, name, check_deviation(getattr(self, name), f"camera: {name}", "pixels"))
@@ -134,11 +134,13 @@ class Camera(CameraModel):
         if matrix.shape != (3, 3):
             raise InputError(f"camera matrix: shape {matrix.shape} given, (3, 3) expected")
         if not np.all(np.isfinite(matrix)) or matrix[2, 2] == 0.0:
-            raise InputError("camera matrix: NaN, infinity or a last entry of 0; give [fx 0 cx; 0 fy cy; 0 0 1]")
+            raise InputError("camera matrix: NaN, infinity or 0 as its last entry; give [fx 0 cx; 0 fy cy; 0 0 1]")
         matrix = matrix / matrix[2, 2]
         other = abs(matrix[0, 1]) + abs(matrix[1, 0]) + abs(matrix[2, 0]) + abs(matrix[2, 1])
         if other > 1e-9 * abs(matrix[0, 0]):
-            raise InputError("camera matrix: skew, or a last row other than 0 0 1; undistort to a camera without skew")
+            raise InputError(
+                "camera matrix: it has skew, or a last row other than 0 0 1; undistort to one without skew"
+            )
         return cls(matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], size=size)
 
     @classmethod
@@ -296,7 +298,7 @@ class Camera(CameraModel):
             beyond, flat = beyond.ravel(), points.reshape(-1, 2)
             told = describe_outside_circle(self, flat, beyond, np.arange(len(flat)), "pixel{}")
             raise UnseenPixelError(
-                f"camera: {told}, where nothing is seen; remove such points, or calibrate up to the edge of the image"
+                f"camera: {told}, where the lens shows nothing; remove such points, or calibrate up to the edge"
             )
         return rays
 
@@ -330,7 +332,7 @@ def describe_outside_circle(camera: Camera, pixels: Floats, unseen: Bools, index
     which = f"at index {index[first]}, ({x:g}, {y:g})"
     return (
         f"{count} of {len(pixels)} {name.format('s' * (len(pixels) > 1))}, {'the first ' * (count > 1)}{which}, "
-        f"{'lies' if count == 1 else 'lie'} outside of the lens's image circle "
+        f"{'lies' if count == 1 else 'lie'} outside the lens's image circle "
         f"(radius {camera.lens.radius * camera.focal:.0f} px)"
     )
 

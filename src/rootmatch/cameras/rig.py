@@ -20,7 +20,7 @@ ORTHONORMAL = 1e-6
 """Deviation of R Rᵀ from the identity up to which R counts as a rotation: that of a file's digits."""
 
 
-FORMS = "of a rig, give (pixels, index of the camera of each) or a list of arrays (m, 2), one for each camera"
+FORMS = "for a rig, give (pixels, camera index of each) or a list of arrays (m, 2), one per camera"
 """How the detections of a rig may be given, for errors."""
 
 
@@ -82,7 +82,7 @@ class Rig(CameraModel):
                 raise InputError(f"rig: {type(camera).__name__} given for camera {k}; give a Camera with pixels")
             rotation, translation = _numbers(R, (3, 3), f"R of camera {k}"), _numbers(t, (3,), f"t of camera {k}")
             if np.abs(rotation @ rotation.T - np.eye(3)).max() > ORTHONORMAL or np.linalg.det(rotation) < 0.0:
-                raise InputError(f"rig: R of camera {k} is no rotation; give x_camera = R x_rig + t")
+                raise InputError(f"rig: R of camera {k} is not a rotation; give R and t with x_camera = R x_rig + t")
             if camera.size is not None and isinstance(camera, Camera):
                 own.append(camera.size)
                 camera = replace(camera, size=None)  # which is in one place then
@@ -151,7 +151,8 @@ class Rig(CameraModel):
                 index = as_floats(target[1], "target", f"an index of the camera for each pixel; {FORMS}")
                 if pixels.ndim != 2 or pixels.shape[1] != 2 or len(pixels) != len(index):
                     raise InputError(
-                        f"target: pixels {pixels.shape} and index {index.shape} given; give (n', 2) and (n',)"
+                        f"target: pixels of shape {pixels.shape} and camera indices of shape {index.shape} given; "
+                        "give (n', 2) and (n',)"
                     )
                 target = np.column_stack([pixels, index])
             elif (0,) in shapes or max(map(len, shapes)) > 1:
@@ -173,8 +174,8 @@ class Rig(CameraModel):
         """Rows of x, y and index (n', 3) of a list of arrays (m, 2), one for each camera."""
         if len(target) != len(self.views):
             raise InputError(
-                f"target: {len(target)} arrays given, and the rig has {len(self.views)} cameras; give one for each, [] "
-                "where it detects nothing"
+                f"target: {len(target)} arrays given, and the rig has {len(self.views)} cameras; give one per "
+                "camera, [] for one without detections"
             )
         rows = [np.zeros((0, 3))]
         for k, one in enumerate(target):
@@ -223,7 +224,7 @@ class Rig(CameraModel):
 
     def sees(self, points: ArrayLike) -> Bools:
         """Refused, as `project` is: a rig has several images."""
-        raise InputError("rig: each camera sees different points; ask Rig.cameras")
+        raise InputError("rig: each camera sees different points; ask each of Rig.cameras")
 
     def jacobian(self, points: ArrayLike) -> Floats:
         """Refused, as `project` is: a rig has several images."""
@@ -266,7 +267,9 @@ def _numbers(value: ArrayLike, shape: tuple[int, ...], name: str) -> Floats:
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"rig: {name} is no array of numbers; give shape {shape}") from None
+        raise InputError(f"rig: {name} is not an array of numbers; give shape {shape}") from None
     if array.shape != shape or not np.all(np.isfinite(array)):
-        raise InputError(f"rig: {name} has shape {array.shape}, or NaN or infinity; give {shape} finite numbers")
+        raise InputError(
+            f"rig: {name} has shape {array.shape}, or holds NaN or infinity; give finite numbers of shape {shape}"
+        )
     return array

@@ -13,7 +13,7 @@ from rootmatch.algebra.rotation import rotation_onto_y
 from rootmatch.errors import InputError, InputWarning
 
 Vector = Sequence[float] | NDArray[np.float64]
-IN_BOTH_FRAMES = "one direction, such as down, in the camera frame and in that of the points: 0,1,0 where y points down"
+IN_BOTH_FRAMES = "one direction, such as down, in the camera frame and in that of the points: 0,1,0 if y points down"
 IN_BOTH_IMAGES = (
     "a direction that both images share, such as gravity from an accelerometer, (0, 1, 0) for level cameras, or a "
     "vanishing point. Two images without one are not supported: match descriptors and use a five-point solver "
@@ -27,7 +27,7 @@ WIDE = 0.35
 def warn_of_degrees(name: str, sigma: float, stacklevel: int = 4) -> None:
     """Warn of a standard deviation of an angle in radians that may be meant in degrees."""
     if sigma >= WIDE:
-        told = f"{name}: σ {sigma:g} given, in radians: {np.degrees(sigma):.0f}°"
+        told = f"{name}: σ of {sigma:g} radians given, {np.degrees(sigma):.0f}°"
         meant = f"degrees for radians? For {sigma:g}° give np.radians({sigma:g})"
         warnings.warn(f"{told}; {meant}", InputWarning, stacklevel=stacklevel)
 

@@ -93,7 +93,10 @@ def match(
         if str(image) == "-":
             raise InputError("-: standard input is read by `rootmatch track`; give a file")
     elif jobs is not None or resume:
-        raise InputError(f"{'--resume' if jobs is None else '--jobs'}: {image} is one image; many have a column frame")
+        raise InputError(
+            f"{'--resume' if jobs is None else '--jobs'}: it applies to many frames, but {image} has no column "
+            "frame; leave it out"
+        )
     outputs = Outputs(output=output, poses=poses, pose_format=pose_format, plot=plot, report=report, photo=photo)
     frame_outputs = FrameOutputs(output, poses, as_json, resume)
     cameras = [io.path_of_camera_text(text) for text in (camera, camera2) if text is not None]
@@ -112,9 +115,11 @@ def match(
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
     posed = posed.for_points(source.points)
     if source.bodies is not None and motions != "1":
-        raise InputError(f"--motions: {model} has a column body, which says which points move together; leave it out")
+        raise InputError(
+            f"--motions: {model} has a column body, which says which points move together; leave --motions out"
+        )
     if prior is not None and known is not None:
-        raise InputError("--known: --prior is given, which says the whole pose; leave one of them out")
+        raise InputError("--known: --prior already gives the whole pose; leave one of them out")
     told = None if known is None else io.read_known(known, source.bodies)
     given_noise = Noise(noise_option(noise), source.sigma, model, image, problem=posed, given_source=source_noise)
     options = option.given_options(source, given_noise, given)

@@ -58,7 +58,7 @@ class Outputs:
             check_output(path, flag(name), taken)
             taken.append(path)
         if as_json and self.printed:
-            raise InputError("--json: one of the files is standard output too; give another")
+            raise InputError("--json: another output goes to standard output too; give that one a file")
         if self.poses is not None:
             Capability.POSE.require(problem_class(problem).least_for_pose, problem)
             if pose_format(self.poses, self.pose_format) == "colmap":

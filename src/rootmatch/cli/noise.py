@@ -42,10 +42,12 @@ class Noise:
             return self.given_source
         name = "sigma" if self.source_sigma.ndim == 1 else "sx"
         if self.given_source is not None:
-            raise InputError(f"--source-noise: {self.model} has a column {name}, which says it; leave one of them out")
+            raise InputError(
+                f"--source-noise: {self.model} has a column {name}, which states it; leave one of them out"
+            )
         if not self.problem.noisy_source and not self.problem.takes_prior:
-            exact = f"{self.problem.name} has exact points there"
-            raise InputError(f"{self.model}: a column {name}, and {exact}; leave it out")
+            exact = f"{self.problem.name} takes its points as exact"
+            raise InputError(f"{self.model}: it has a column {name}, but {exact}; leave the column out")
         return self.source_sigma
 
     def of(self, target_sigma: Floats | None) -> Any:

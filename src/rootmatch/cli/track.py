@@ -179,9 +179,11 @@ def track(
     from rootmatch.io.frame_files import STANDARD_INPUT, read_frames
 
     if diagnose:
-        raise InputError("--diagnose: `rootmatch match` has it, with the same files: of the first frame not matched")
+        raise InputError(
+            "--diagnose: `rootmatch match --diagnose` with the same files diagnoses the first frame that is not matched"
+        )
     if rate is not None and not 0.0 < rate < float("inf"):
-        raise InputError(f"--rate: {rate:g} given; give frames a second, above 0")
+        raise InputError(f"--rate: {rate:g} given; give a number of frames per second above 0")
     given_files = model, frames, prior, known, None if camera is None else io.path_of_camera_text(camera)
     inputs = [path for path in given_files if path is not None and path != STANDARD_INPUT]
     outputs = _outputs(output, poses, pose_format, as_json=as_json)
@@ -189,7 +191,7 @@ def track(
     given_noise = noise_option(noise)
     if given_noise == "auto":
         raise InputError(
-            "--noise: auto given; a tracker needs a number, and `rootmatch match` estimates it from one frame"
+            "--noise: auto given; a tracker needs a number; `rootmatch match` can estimate it from a single frame"
         )
     tracking = tracking_options(given)
     posed = build_problem(problem, given)
@@ -208,7 +210,7 @@ def track(
         options["normals"] = source.normals
     subjects = {name: flag(name) for name in (*options, "noise")}
     if outputs.trajectory and source.bodies is not None:
-        raise InputError(f"--pose-format: tum is a trajectory of one body, and {model} has a column body; give csv")
+        raise InputError(f"--pose-format: tum is a trajectory of one body, but {model} has a column body; give csv")
     summary, queue = TrackSummary(rate or RATE), Queue()
     with (
         rename_to_options({"source": str(model), **subjects, "bodies": str(model), "normals": str(model)}),
@@ -255,7 +257,7 @@ def _outputs(output: Path | None, poses: Path | None, form: str | None, *, as_js
     from rootmatch.io import is_standard_output
 
     if form is not None and poses is None and as_json:
-        raise InputError("--pose-format: --json prints the poses in a form of its own; give --poses FILE")
+        raise InputError("--pose-format: --json prints the poses in its own format; give --poses FILE")
     if not as_json and poses is None and output is not None and is_standard_output(output):
         raise InputError("--output: without --poses FILE the poses go to standard output; give one of them a file")
     is_tum = form == "tum" or (form is None and poses is not None and poses.suffix == ".tum")

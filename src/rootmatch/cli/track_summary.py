@@ -66,8 +66,8 @@ class TrackSummary:
         """What to say at the end."""
         if 2 * self._contradicted > self._known:
             yield (
-                f"warning: {self._contradicted} of {self._known} matches contradict what is known of their pose, and "
-                "were found without it; check its directions, frames and σ"
+                f"warning: {self._contradicted} of {self._known} matches contradict what is known of their pose, "
+                "which was ignored; check its directions, frames and σ"
             )
         if self._reasons:
             kind, count = self._reasons.most_common(1)[0]
@@ -87,9 +87,9 @@ class TrackSummary:
             return
         step = median(after - before for before, after in pairwise(self._times))
         if step > SLOW:
-            what, at = "time is in seconds; where it is in milliseconds, divide it by 1000", ""
+            what, at = "time is in seconds; if it is in milliseconds, divide it by 1000", ""
             if not self._timed:
-                what = "where frame is a time in milliseconds, give --rate 1000"
+                what = "if frame is a time in milliseconds, give --rate 1000"
                 at = f" at --rate {self._rate:g}"
             yield f"warning: the frames are {step:.3g} s apart{at}; {what}"
 
@@ -119,9 +119,9 @@ class Queue:
             return None
         self._told = True
         return (
-            f"warning: frames arrive faster than they are answered, which takes {1e3 * median(self._took):.0f} ms, and "
-            f"are {late - self._least:.1f} s late by now; bound each with --max-seconds, or say how fast the body or "
-            "the camera moves (--velocity, --acceleration)"
+            f"warning: frames arrive faster than they are processed ({1e3 * median(self._took):.0f} ms each), and "
+            f"the output is {late - self._least:.1f} s late by now; limit each frame with --max-seconds, or say how "
+            "fast the body or the camera moves (--velocity, --acceleration)"
         )
 
 

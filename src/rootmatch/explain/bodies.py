@@ -42,9 +42,9 @@ BODY = 0.5
 """Share of the time left at a deadline for the search for one body."""
 BODY_OF_FRAME = 0.7
 """The same of a tracker's frame, which searches for one."""
-LATE = "max_seconds were over before it was searched for"
-UNCONFIRMED = "the predicted pose is not confirmed"
-UNSEARCHED = "no pose is predicted, and nothing was searched for in this frame"
+LATE = "`max_seconds` ran out before this body was searched for"
+UNCONFIRMED = "the detections do not confirm the predicted pose"
+UNSEARCHED = "no pose was predicted, and this frame was not searched"
 LISTED = 5
 """Number of alternatives of a doubtful match that another body may rule out by taking their detections. A round
 value."""
@@ -213,7 +213,7 @@ def search_body_among(
         return make_empty_finding(part, LATE), False
     part = copy_with(part, deadline=task.deadline.part(BODY if task.budget is None else BODY_OF_FRAME))
     if len(columns) < task.problem.order:
-        fault = f"{len(columns)} detections are left, at least {task.problem.order} needed"
+        fault = f"{len(columns)} detections are left, but at least {task.problem.order} are needed"
         return make_empty_finding(part, fault), False
     sub = part.subset(None, columns)
     if task.problem.takes_motion_prior:

@@ -76,7 +76,7 @@ def check_bodies(labels: Any, source: Floats, least: int) -> BodyLabels:
     for k, name in enumerate(names):
         points = int((index == k).sum())
         if points < least:
-            raise InputError(f"bodies: body {name!r} has too few points, {points}; give it at least {least}")
+            raise InputError(f"bodies: body {name!r} has {points} points; give it at least {least}")
         own = np.flatnonzero(index == k)
         same = find_repeated(source[own])
         if same is not None:

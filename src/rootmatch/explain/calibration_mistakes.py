@@ -54,7 +54,7 @@ def wrong_calibration(task: MatchingTask) -> Iterator[Mistake]:
     yield Mistake("the focal length is wrong", remedy, partial(_calibrate, 1, known), complete=name, fitted=1)
     if camera.lens is None:
         remedy = "calibrate the camera with its lens, Camera.from_opencv(K, dist), or undistort the detections"
-        mistake = "the camera has distortion that was left out"
+        mistake = "the camera's distortion was left out"
         yield Mistake(mistake, remedy, partial(_calibrate, 2, known), complete=name, fitted=2)
 
 
@@ -124,7 +124,7 @@ def displaced_cameras(task: MatchingTask) -> Iterator[Mistake]:
     if len(task.rig.views) < 2:
         return
     for k in range(len(task.rig.views)):
-        remedy = f"calibrate camera {k} again, its pose or its focal length, and leave its detections out until then"
+        remedy = f"calibrate camera {k} again (its pose or its focal length), and leave its detections out until then"
         yield Mistake(f"camera {k} is not where the rig has it", remedy, partial(_replace_camera, k))
 
 

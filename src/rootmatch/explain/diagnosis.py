@@ -118,7 +118,7 @@ class Diagnosis:
         late = f"; no time for {self.left_out} more" if self.left_out else ""
         if not self.fits:
             near = "" if self.nearest is None else f"; the nearest is {self.nearest}; {self.nearest.remedy}"
-            none = f"diagnosis: none of {len(self.trials)} usual mistakes alone explains the points"
+            none = f"diagnosis: none of the {len(self.trials)} usual mistakes explains the points by itself"
             return f"{none}{late} ({self.given}){near}"
         lines = [f"diagnosis: {one}; {one.remedy}" for one in self.fits]
         return "\n".join([*lines, f"diagnosis: {self.given}{late}"])

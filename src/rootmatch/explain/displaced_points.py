@@ -157,7 +157,7 @@ def point_advice(found: Finding, whole: Finding | None) -> str:
         off = f"{one.off:.2g} px" if in_pixels else f"{one.off / sigma:.2g} σ"
         where = f" in {len(one.detections)} cameras" if len(one.detections) > 1 else ""
         told += (
-            f"; point {one.point} is not where the model has it: a detection is {off} from its place{where}; the body "
-            "may be bent, or it is another one"
+            f"; point {one.point} seems displaced: a detection is {off} from where the model puts it{where}; the "
+            "body may be bent, or another one"
         )
     return told

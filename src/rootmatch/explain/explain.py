@@ -65,7 +65,7 @@ def _warn_of_idle_solver(task: MatchingTask) -> None:
     one = task.each_body[0]
     if is_modelled(one) or make_point_set_model(one) is not None:
         warnings.warn(
-            f"solver: the poses of {task.problem.name} decide, and this solver only adds proposals, which seldom "
+            f"solver: for {task.problem.name}, fitted poses decide; this solver only adds proposals, which rarely "
             'matter; to compare solvers give residual="qr" or preset="paper", or call them with a tensor',
             InputWarning,
             stacklevel=4,
@@ -137,7 +137,10 @@ def _choose_route(task: MatchingTask, judging: bool) -> Finding:
     if (dense := match_dense(task)) is not None:
         return dense
     if are_too_few(task):
-        told = f"{task.shape[1]} detections are too few to tell a pose of {task.shape[0]} points from chance"
+        told = (
+            f"{task.shape[1]} detections are too few to tell a pose of {task.shape[0]} points from chance; "
+            "give normals, a `prior`, or more detections"
+        )
         return make_empty_finding(task, told).with_facts(missed=1.0)
     return _explain_motions(task) if task.options.packs_motions else _explain_motion(task, judging)
 

@@ -26,7 +26,7 @@ FREEDOM_OF_RIG = 5.0
 another. A round value."""
 
 
-ANOTHER = "something else with a point elsewhere, such as a kind of the body that is to be given with `bodies=` as well"
+ANOTHER = "another object that differs in a point, such as a variant of the body that `bodies=` should name as well"
 """What advice says if `Misfit.another` is most of the doubt."""
 
 

@@ -50,7 +50,7 @@ UNSETTLED = 2.0
 many are rare. A round value."""
 
 BY_ITS_LAW = (
-    "something else that repeats itself as the body does, like another board on the same squares, explains more of the "
+    "something with the same repeating pattern, such as another board with equal squares, explains more of the "
     "detections; give all such bodies with `bodies=`, or points that tell them apart"
 )
 BEYOND_DOUBT = 1e-6

@@ -19,7 +19,7 @@ PREDICTED, TOLD = (0.02, 0.0005), (0.06, 0.003)
 """Shares of the time allowed, and seconds, that a prediction may take beyond it, which is better than nothing, and by
 which all is weighed and doubted. Parts of the tenth and 5 ms by which a match may be late; the rest is for a tracker's
 belief. Round values."""
-TOO_LATE = "max_seconds were over before anything was found"
+TOO_LATE = "`max_seconds` ran out before anything was found; give more time"
 
 _last: ContextVar[Deadline | None] = ContextVar("_last", default=None)
 

@@ -53,7 +53,7 @@ def match_known(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | N
     body, proposed, pairs = Candidate.of(task, []), None, None
     with prediction_deadline(task.deadline).within():
         pairs = find_pairs_by_angle(task, task.known)
-    found = make_empty_finding(task, f"{task.shape[1]} detections are given, too few for a search")
+    found = make_empty_finding(task, f"{task.shape[1]} detections are too few for a search")
     if pairs is None and solve is not None and task.budget is None and has_many_pairs(task):
         quick = _search_narrowed(replace(task, budget=QUICK), solve, body, found)
         if quick.status is Status.MATCHED:
@@ -63,7 +63,7 @@ def match_known(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | N
         if proposed is not None:
             body = body.with_assignments([], proposed)
             found = image_finding(
-                make_empty_finding(task, "what is known of the pose is not confirmed"), body.alone(), body
+                make_empty_finding(task, "the detections do not confirm what is known of the pose"), body.alone(), body
             )
             if found.status is Status.MATCHED:
                 return replace(found, reason=None)

@@ -66,7 +66,7 @@ class MatchOptions:
 
     def __post_init__(self) -> None:
         if self.preset not in (None, "paper"):
-            raise InputError(f'preset: {self.preset!r} given; give "paper" or nothing')
+            raise InputError(f'preset: {self.preset!r} given; give "paper", or leave it out')
         check_motions(self.motions)
         for name, value in (("seed", self.seed), ("max_hyperedges", self.max_hyperedges)):
             if value is None:
@@ -86,22 +86,20 @@ class MatchOptions:
         if self.min_probability is not None and self.min_probability >= 1.0 - WRONG_MODEL:
             most = 1.0 - WRONG_MODEL
             raise InputError(
-                f"min_probability: {self.min_probability:g} given; give less than {most:g}, which no probability "
-                "exceeds, as the model itself may be wrong"
+                f"min_probability: {self.min_probability:g} given; give less than {most:g}: no match is more "
+                "probable, as the model itself may be wrong"
             )
         check_choice("backend", self.backend, selection.NAMES)
         check_callable("progress", self.progress, "a function of two numbers, done and total")
         if self.scheduler is not None and not isinstance(self.scheduler, str):
-            raise InputError(f"scheduler: {self.scheduler!r} given; give the address of one, tcp://host:port")
+            raise InputError(f"scheduler: {self.scheduler!r} given; give its address, tcp://host:port")
         if isinstance(self.sampler, str):
             check_choice("sampler", self.sampler, SAMPLER_NAMES)
         else:
             check_callable("sampler", self.sampler, f"a sampler, or one of {', '.join(SAMPLER_NAMES)}")
         if self.samples is not None and self.chosen_sampler != "random":
             named = f'"{self.sampler}"' if isinstance(self.sampler, str) else quote_value(self.sampler)
-            raise InputError(
-                f'samples: only sampler="random" draws so many hyper-edges, and it is {named}; leave one of them out'
-            )
+            raise InputError(f'samples: it applies to sampler="random", not to {named}; leave one of them out')
         if self.residual is not None and not isinstance(self.residual, str | Residual):
             raise InputError(f"residual: {self.residual!r} given; give its name or a Residual")
         get_solver("ascent" if self.solver is None else self.solver)

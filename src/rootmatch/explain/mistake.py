@@ -34,8 +34,8 @@ NEAR = 0.05
 """Relative deviation from their ratio within which units are named: less than half of the least gap between two."""
 HANDED = "one of the sets is left-handed"
 REVERSED = (
-    "negate one coordinate of one of the sets: one axis was reversed when it was written "
-    "(LPS and RAS differ in two axes, which is a rotation and matches)"
+    "negate one coordinate of one of the sets: an axis was reversed when it was written (LPS and RAS differ in "
+    "two axes, which is only a rotation)"
 )
 UNIT = "the sets have different units"
 
@@ -87,13 +87,13 @@ def list_prior_mistakes(task: MatchingTask) -> Iterator[Mistake]:
     """Mistakes about what is known of the poses of a task."""
     if not task.has_prior:
         return
-    remedy = "give x' = R x + t, points to target: pose.inverse()"
+    remedy = "give the pose that takes the points to the target, x' = R x + t: `pose.inverse()`"
     yield from _change_priors(task, "the prior is the inverse of the pose", remedy, _invert_prior)
     for wrong, right in METRIC:
         name = f"the position of the prior is in {wrong}, the points are in {right}"
         change = partial(_scale_prior, ratio_of_units(wrong, right))
         yield from _change_priors(task, name, "use one unit for points and prior", change)
-    remedy = "check its frame and its σ, or leave prior= out"
+    remedy = "check its frame and its σ, or leave `prior=` out"
     yield Mistake("what is known of the pose is wrong", remedy, MatchingTask.without_priors, if_nothing_fits=True)
 
 

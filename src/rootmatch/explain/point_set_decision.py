@@ -50,9 +50,7 @@ def make_point_set_model(task: MatchingTask) -> PointSetModel | None:
     in_noise = task.affinity.residual.kind in NOISE_KINDS
     if clouds is None or not in_noise or task.options.motions != 1 or task.options.is_paper:
         if clouds is not None and task.has_prior:
-            raise InputError(
-                "prior: it is weighed by the model of one motion; leave motions=, residual= and preset= out"
-            )
+            raise InputError("prior: it needs the model of a single motion; leave motions=, residual= and preset= out")
         return None
     rate = task.options.detection_rate
     return PointSetModel(

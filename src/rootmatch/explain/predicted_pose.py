@@ -55,8 +55,8 @@ def match_predicted(
     if not searchable:
         return make_empty_finding(
             copy_with(task, prior_pose=None, rivals=NONE),
-            f"{UNCONFIRMED}, and {task.shape[1]} detections are given where a search without it "
-            f"needs {task.problem.order}",
+            f"{UNCONFIRMED}, and a search without it needs {task.problem.order} detections, but {task.shape[1]} are "
+            "given",
         )
     task = part.of(task)
     if part.rest and found.posterior is not None:

@@ -53,12 +53,12 @@ def check_predicted(prior: object, labels: BodyLabels | None, problem: Problem) 
     """Refuse anything but one prior or, with several bodies, priors of some of them by label."""
     if labels is None and isinstance(prior, Mapping):
         told = ", ".join(map(repr, prior))
-        raise InputError(f"prior: dict given, of {told}, but no labels as bodies=; give the pose itself, or bodies=")
+        raise InputError(f"prior: a dict for {told} given without bodies=; give the pose itself, or bodies=")
     if labels is None:
         check_prior(prior, problem)
         return
     if not isinstance(prior, Mapping):
-        raise InputError("prior: one pose given with bodies=; give a dict from the label of a body to its pose")
+        raise InputError("prior: one pose given with bodies=; give a dict from the labels of bodies to their poses")
     for label, pose in prior.items():
         if label not in labels.names:
             raise InputError(
@@ -78,7 +78,7 @@ def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
         if len(np.asarray(parts[0][0])) != size:
             raise InputError(f"{name}: points of {where} given; give R ({size}, {size}) and t ({size},)")
         if prior.vertical is not None and isinstance(problem, UP2P):
-            raise InputError(f"{name}: UP2P has a vertical; leave the one of the prior out, or take P3P")
+            raise InputError(f"{name}: UP2P already has a vertical; leave that of the prior out, or use P3P")
         return
     if not isinstance(prior, Pose):
         raise InputError(
@@ -89,7 +89,7 @@ def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
         shapes = " or ".join(f"({size}, {size})" for size in sizes)
         raise InputError(f"{name}: a pose in {where} with a covariance {shapes} is needed; give Pose(R, t, covariance)")
     if len(sizes) == 1 and prior.scale != 1.0:
-        raise InputError(f"{name}: a scale of {prior.scale:g} given, and {problem.name} has none; leave it out")
+        raise InputError(f"{name}: a scale of {prior.scale:g} given, but {problem.name} has none; leave it out")
 
 
 def check_followed(problem: Problem, source: ArrayLike) -> None:

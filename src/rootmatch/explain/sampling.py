@@ -114,7 +114,7 @@ def _sample_tensor(task: MatchingTask) -> tuple[SampledTensor, Any]:
         most = LIMITS.random if options.max_evaluations is None else options.max_evaluations
         if samples > most:
             raise InputError(
-                f"samples: {samples:.3g} given, above the limit of {most:.3g}; take fewer, or raise max_evaluations="
+                f"samples: {samples:.3g} given, above the limit of {most:.3g}; give fewer, or raise max_evaluations="
             )
         backend = _choose_backend(task, samples, single)
         tensor, evaluated = random_tensor(*sizes, samples=samples, seed=sampling.seed, backend=backend, **run)

@@ -26,7 +26,7 @@ def camera_advice(finding: Finding) -> str:
     which = f"cameras {each} show" if many else f"camera {each} shows"
     return (
         f"; {which} next to nothing where the body should be seen: {'their' if many else 'its'} calibration or clock "
-        "may be off, or something hides the body there; `diagnose` tries whether a camera was moved"
+        "may be off, or something hides the body there; `diagnose` tests whether a camera was moved"
     )
 
 

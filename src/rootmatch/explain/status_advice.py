@@ -27,7 +27,7 @@ from rootmatch.problems.pose_fit.pose import Pose
 ADVICE = {
     Status.MATCHED: "matched: the assignment is well supported and no other explains the points nearly as well",
     Status.AMBIGUOUS: (
-        "ambiguous: another assignment explains the points nearly as well; see `alternatives`, {to_tell}, "
+        "ambiguous: another assignment explains the points nearly as well; see `alternatives`; {to_tell}, "
         "or add points that break the symmetry"
     ),
     Status.UNTRUSTED: "no trustworthy match: too few hyper-edges agree; check {to_check}, {to_change}",
@@ -35,7 +35,7 @@ ADVICE = {
 """Sentences with gaps for what the problem suggests to check and to add."""
 
 PRIOR = "a `prior`"
-CAUSES = "; usual causes are the calibration of the lens, exposure or a rolling shutter, and a bent model"
+CAUSES = "; usual causes are the lens calibration, motion during the exposure, a rolling shutter, and a bent model"
 NOTED = 0.1
 """Probability from which a match that is not trusted is told to be possible. A round value."""
 NOISY = 1.5
@@ -69,38 +69,36 @@ def advice(
     elif finding.status is Status.UNTRUSTED:
         text = _untrusted_text(finding, stopped_early)
     elif finding.status is Status.AMBIGUOUS and finding.reason is not None:
-        text = f"ambiguous: {finding.reason}; it is trusted once more frames have shown it, or give a `Pose` as `prior`"
+        text = f"ambiguous: {finding.reason}; more frames that show it will settle this, or give a `Pose` as `prior`"
     elif finding.status is Status.AMBIGUOUS:
         text = _ambiguous_text(finding, unsure, stopped_early)
     else:
         text = general_advice(finding.status, finding.task.problem)
         if unsure:
-            text += (
-                f"; for {unsure} of the points it is not certain which detection they have, if any: see `confidence`"
-            )
+            text += f"; {unsure} of the points may have another detection, or none: see `confidence`"
         if finding.point_error:
             text += (
-                f"; it fits if the points of the body are off by {finding.point_error:.2g} on each axis, which nobody "
-                "stated: give `source_noise=`, or a larger `noise=` if the detections are"
+                f"; it fits only if the points of the model are off by {finding.point_error:.2g} on each axis: give "
+                "`source_noise=` if they are, or a larger `noise=` if the detections are"
             )
         text += camera_advice(finding)
         if undetermined:
             text += "; these points do not determine the pose in every direction: see its covariance"
         if finding.sequence_factor >= NOISY:
             text += (
-                f"; by the frames so far the noise is {finding.sequence_factor:.1f} times as large as given, "
-                "as it also looks if a similar object is followed in place of this one"
+                f"; judging by the frames so far, the noise is {finding.sequence_factor:.1f} times as large as "
+                "given, or a similar object is followed instead"
             )
     if finding.status is not Status.MATCHED and is_detected_twice(finding.task):
         text += (
-            f"; most detections have another within {TOGETHER:.0f} σ: if each thing is reported twice, merge them "
-            "first, as the second of a pair counts as clutter"
+            f"; most detections have another within {TOGETHER:.0f} σ: if the detector reports each point twice, "
+            "merge such pairs first, as the second counts as clutter"
         )
     if agrees_with_prior(finding) is False:
         against, check = _contradiction_texts(finding)
-        text += f"; this pose contradicts {against}{' and was found without it' * (not finding.prior_holds)}; {check}"
+        text += f"; this pose contradicts {against}{', which was ignored' * (not finding.prior_holds)}; {check}"
     told = "max_seconds" in text or not stopped_early
-    return text if told else f"{text}; max_seconds ended it before it was finished"
+    return text if told else f"{text}; `max_seconds` ended the search early"
 
 
 def is_undetermined(poses: Sequence[Pose | None]) -> bool:
@@ -135,18 +133,18 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
     problem, noise, causes = task.problem, task.noise, CAUSES if task.problem.takes_prior else ""
     if (error := finding.point_error or alike_error(finding)) > 0.0:
         return (
-            f"no trustworthy match: what was found fits if the points of the body are off by {error:.2g} on each axis, "
-            "but something else of nearly its shape, or another pose, explains as much; check the model, and give "
-            "`source_noise=`, or a larger `noise=`, if that is realistic"
+            f"no trustworthy match: what was found fits if the points of the model are off by {error:.2g} on each "
+            "axis, but an object of nearly the same shape, or another pose, explains as much; check the model, and "
+            "give `source_noise=`, or a larger `noise=`, if such errors are realistic"
         )
     if factor is not None and TRUST.noise_factor <= factor <= TRUST.most_named and _is_noise_larger(finding):
-        told = f"noise={factor * noise:.2g}" if isinstance(noise, int | float) else "a larger noise="
+        told = f"`noise={factor * noise:.2g}`" if isinstance(noise, int | float) else "a larger `noise=`"
         if _is_pose_with_larger_noise(finding):
             exact = problem.takes_prior and task.points.source_covariance is None
-            told += ", or source_noise= if the model is inexact" if exact else ""
+            told += ", or `source_noise=` if the model is inexact" if exact else ""
             return (
-                f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given, "
-                f"or else the pose is wrong; give {told}, and check {problem.to_check}{_unit_text(finding) or causes}"
+                f"no trustworthy match: judging by the residuals, the noise is {factor:.1f} times as large as given, "
+                f"or the pose is wrong; give {told}, and check {problem.to_check}{_unit_text(finding) or causes}"
             )
         if not has_vague_axes(problem):
             return (
@@ -157,7 +155,9 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
     if _is_maybe_chance(finding):
         chance, least = _format_distinct(facts.probability or 0.0, facts.min_probability)
         what = "chance" if 2.0 * math.exp(min(finding.another, 0.0)) < 1.0 - (facts.probability or 0.0) else ANOTHER
-        against = "it contradicts {} and is much more probable without; {}, or ".format(*_contradiction_texts(finding))
+        against = "it contradicts {} and is far more probable without it; {}, or ".format(
+            *_contradiction_texts(finding)
+        )
         to_give = _enumerate_inputs([*_missing_inputs(task), "fewer stray detections"])
         return (
             f"no trustworthy match: what was found could be {what} (probability {chance}, `min_probability` {least}); "
@@ -165,13 +165,13 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
         )
     if stopped_early:
         return (
-            "no trustworthy match: max_seconds ended it before anything was found that is beyond chance; "
-            f"give more time, or check {problem.to_check}"
+            "no trustworthy match: `max_seconds` ended the search before it found anything that chance does not "
+            f"explain; give more time, or check {problem.to_check}"
         )
     if finding.is_cut:
         return (
-            "no trustworthy match: `search_budget` ended the search of this frame before anything was found that is "
-            f"beyond chance; raise it in `TrackingOptions`, or check {problem.to_check}"
+            "no trustworthy match: `search_budget` ended the search of this frame before it found anything that "
+            f"chance does not explain; raise it in `TrackingOptions`, or check {problem.to_check}"
         )
     if facts.present is not None and facts.missed <= TRUST.missed:  # a search that ended by itself
         seen = "" if task.rig is None else "; `diagnose` tries the usual mistakes about a rig"
@@ -190,7 +190,7 @@ def _contradiction_texts(finding: Finding) -> tuple[str, str]:
     if contradicts_vertical(finding):
         return "the measured vertical", "check both verticals, and `vertical_noise`"
     if finding.task.rivals.places and not finding.contradicted:
-        return "the prediction from the frames before", "check their times, and how fast it may move by `MotionOptions`"
+        return "the prediction from earlier frames", "check their times, and the speeds that `MotionOptions` allows"
     return "the prior", "check the prior and its σ"
 
 
@@ -198,7 +198,7 @@ def _unit_text(finding: Finding) -> str:
     """What to check where one camera of several shows the object: in a unit too small, all are as in one place."""
     task = finding.task
     one_camera = len({*task.camera_of[finding.assignment[finding.assignment >= 0]]}) == 1 and task.rig is not None
-    return "; check that points and rig are in one unit, or see `diagnose`" if one_camera else ""
+    return "; check that the points and the rig have the same unit, or see `diagnose`" if one_camera else ""
 
 
 def _is_there(finding: Finding) -> bool:
@@ -224,20 +224,20 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
     if finding.facts.incomplete:
         motions = len(np.unique(finding.motion_labels[finding.motion_labels >= 0]))
         return (
-            f"ambiguous: {motions} of {task.options.motions} motions were found, and points of another one may be "
-            f"among what is left; see `confidence`, {_enumerate_inputs([*to_give, 'more detections'])}, "
-            "or ask for fewer motions"
+            f"ambiguous: {motions} of {task.options.motions} motions were found, and some of the points left may "
+            f"belong to another one; see `confidence`, {_enumerate_inputs([*to_give, 'more detections'])}, or ask "
+            "for fewer motions"
         )
     if _is_unexcluded(finding):
         missed = "another pose that explains as much"
         if stopped_early:
             return (
-                f"ambiguous: max_seconds ended the search before it could exclude {missed}; "
+                f"ambiguous: `max_seconds` ended the search before it could exclude {missed}; "
                 f"{_enumerate_inputs(['more time', *to_give])}"
             )
         if np.count_nonzero(finding.assignment >= 0) <= task.minimal:
             return (
-                "ambiguous: nothing better was found, but no search meets every pose that explains so few points; "
+                "ambiguous: nothing better was found, but no search can try every pose that explains so few points; "
                 f"{_enumerate_inputs([*to_give, 'more detections'])}"
             )
         return (
@@ -250,32 +250,32 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
     unsure = unsure or int((every < MIN_PROBABILITY).sum())
     if unsure and finding.is_pose_certain:
         return (
-            f"ambiguous: the pose is certain, but for {unsure} of the {of} it is not certain which detection "
-            f"they have, if any; see {where}, or {to_tell}"
+            f"ambiguous: the pose is certain, but {unsure} of the {of} may have another detection, or none; see "
+            f"{where}, or {to_tell}"
         )
     told = finding.posterior or finding.labellings
     if told is not None and told.copies > 1:
         shown = "image" if task.problem.takes_prior else "measurement"
         return (
-            f"ambiguous: of {told.copies} bodies that are the same no {shown} tells which is where; "
-            "see `alternatives`, or give a `prior` of each, or points that tell them apart"
+            f"ambiguous: {told.copies} bodies are identical, and no {shown} tells which is where; see "
+            "`alternatives`, or give a `prior` of each, or points that tell them apart"
         )
     if _is_elsewhere(finding):
         return (
-            "ambiguous: the object, or one that looks like it, is in several places, and any may be the one asked for; "
-            f"see `alternatives`{prior or (', or ' + to_tell)}{_unit_text(finding)}{camera_advice(finding)}"
+            "ambiguous: the object, or one that looks like it, is in several places, and any of them may be the "
+            f"right one; see `alternatives`{prior or (', or ' + to_tell)}{_unit_text(finding)}{camera_advice(finding)}"
         )
     if _is_assignment_certain(finding):
         return (
-            "ambiguous: the matches are certain, but several poses fit them, as where the points are nearly flat; "
-            f"see `other_poses`, {'' if prior else 'or '}{to_tell}{prior}"
+            "ambiguous: the matches are certain, but several poses fit them, as happens when the points are nearly "
+            f"coplanar; see `other_poses`, {'' if prior else 'or '}{to_tell}{prior}"
         )
     if not len(finding.others) and finding.probability is not None:
         chance, least = _format_distinct(finding.probability, finding.facts.min_probability)
         return (
-            "ambiguous: no other assignment comes near, but each match adds its doubt: that all of them are right is "
-            f"less probable ({chance}) than asked for (`min_probability` {least}); keep those of high `confidence`, "
-            f"or {to_tell}"
+            "ambiguous: no other assignment comes close, but the doubts about single matches add up: all of them are "
+            f"right with a probability of {chance}, less than asked for (`min_probability` {least}); keep those of "
+            f"high `confidence`, or {to_tell}"
         )
     return general_advice(Status.AMBIGUOUS, task.problem, to_tell)
 
@@ -295,7 +295,7 @@ def _missing_inputs(task: MatchingTask) -> list[str]:
         lacking.append("normals")
     told = task.prior_pose is not None or (task.known is not None and (task.known.vertical or task.known.rotation))
     if isinstance(problem, P3P) and not told:
-        lacking.append("the vertical to `UP2P`")
+        lacking.append("a vertical (`UP2P`)")
     if (problem.takes_prior or problem.takes_motion_prior) and not task.has_prior:
         lacking.append(PRIOR)
     return lacking

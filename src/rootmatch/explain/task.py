@@ -138,7 +138,7 @@ class MatchingTask:
             if noise != "auto":
                 raise InputError(f"noise: {noise!r} given; expected a number or 'auto'")
             if source_noise is not None and problem.noisy_source:
-                raise InputError('noise: "auto" is not estimated beside source_noise= of point sets; give a number')
+                raise InputError('noise: "auto" and source_noise= cannot be combined for point sets; give a number')
             noise = 0.0  # until it is estimated
         else:
             check_not_exact(noise := join_camera_noise(problem.rig, noise, target))
@@ -159,9 +159,9 @@ class MatchingTask:
             check_predicted(prior, labels, problem)
         if labels is not None and (options.motions != 1 or estimates):
             raise InputError(
-                "motions: bodies= says which points move together; leave motions out"
+                "motions: bodies= already says which points move together; leave motions out"
                 if options.motions != 1
-                else 'noise: "auto" is not estimated from several bodies; give a number of pixels'
+                else 'noise: "auto" cannot be estimated from several bodies; give a number of pixels'
             )
         return cls(
             problem=problem, points=points, affinity=weigh, options=options, noise=noise, estimates_noise=estimates,

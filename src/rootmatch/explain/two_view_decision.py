@@ -223,7 +223,6 @@ def nothing_found_text(problem: Problem) -> str:
     if not has_vague_axes(problem):
         return "no pose explains more of the points than chance would"
     return (
-        "nothing that was found is beyond chance, but the search may have missed the pose, as the axes are known to "
-        f"{math.degrees(problem.axis_noise):.2g}° only; "  # type: ignore[attr-defined]
-        "give a smaller `axis_noise` if that is realistic"
+        "chance explains all that was found, but the search may have missed the pose, as the axes are only known to "
+        f"{math.degrees(problem.axis_noise):.2g}°; give a smaller `axis_noise` if that is realistic"
     )

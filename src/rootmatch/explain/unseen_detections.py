@@ -93,10 +93,11 @@ def _report(task: MatchingTask, unseen: Bools, *, wrong: bool) -> None:
         told = describe_outside_circle(camera, task.points.target[own, :2], unseen[own], own, f"detection{{}}{of}")
         if wrong:
             raise UnseenPixelError(
-                f"target: {told}: this is hardly the lens that took the image; check its calibration and its size"
+                f"target: {told}: the image was probably taken with another lens; check the calibration and the "
+                "image size"
             )
         _warned.add(camera)
-        warnings.warn(f"target: {told}, where nothing of the scene is seen: left out", InputWarning, stacklevel=5)
+        warnings.warn(f"target: {told}, where the lens shows nothing: left out", InputWarning, stacklevel=5)
 
 
 def _restore_detections(found: Finding, task: MatchingTask, columns: Integers) -> Finding:

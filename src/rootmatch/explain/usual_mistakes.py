@@ -58,7 +58,7 @@ def obvious_fault(task: MatchingTask) -> str | None:
     """What is wrong with points, or with detections of a camera, at a glance; None if nothing is."""
     source = task.points.source
     if isinstance(task.problem, Similarity) and source.shape[1] == 3 and are_collinear(source):
-        return "all points are collinear, which determines no pose; add points off the line, or give a `prior`"
+        return "all points are collinear, which leaves the pose open; add points off the line, or give a `prior`"
     camera, target = getattr(task.problem, "camera", None), task.points.target
     every = getattr(camera, "cameras", (camera,))
     if len(target) < task.problem.order:
@@ -66,15 +66,15 @@ def obvious_fault(task: MatchingTask) -> str | None:
     in_pixels = all(isinstance(own, Camera) and min(own.fx, own.fy) > IN_PIXELS for own in every)
     if in_pixels and np.abs(target[:, :2]).max() < NORMALISED:
         return (
-            "these look like normalised coordinates (x/z, y/z), and the camera is in pixels; give Camera(1, 1, 0, 0), "
-            "with the noise in these units, or pixels"
+            "the detections look like normalised coordinates (x/z, y/z), but the camera is in pixels; give pixels, "
+            "or `Camera(1, 1, 0, 0)` and the noise in these units"
         )
     if isinstance(camera, Camera) and camera.lens is None:
         aside = np.abs((target - (camera.cx, camera.cy)) / (camera.fx, camera.fy)).max(axis=1)
         if np.median(aside) > WIDEST:
             return (
                 "this camera would see most detections more than 80° from its axis; give its focal length in pixels: "
-                "that in millimetres, over the size of a pixel"
+                "millimetres divided by the size of a pixel"
             )
     sizes = None if camera is None or task.problem.source_is_image else _sizes(camera)
     if sizes is not None:
@@ -82,8 +82,8 @@ def obvious_fault(task: MatchingTask) -> str | None:
         if len(beyond):
             width, height = sizes[task.camera_of[beyond[0]]]
             return (
-                f"{len(beyond)} of {len(target)} detections are outside of their image, the first at index {beyond[0]} "
-                f"of one of {width:g} by {height:g} pixels; give its size as (width, height)"
+                f"{len(beyond)} of {len(target)} detections lie outside their image, the first at index {beyond[0]}, "
+                f"where the image has {width:g} by {height:g} pixels; check its size, (width, height)"
             )
     return None
 
@@ -114,37 +114,39 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
     yield from of_normals
     if hasattr(problem, "vertical_world"):
         upside = tuple(-np.asarray(problem.vertical_world, float))
-        remedy = "negate vertical_world or vertical_camera: both point down, or both up (an accelerometer measures up)"
+        remedy = "negate `vertical_world` or `vertical_camera`: both point down, or both up (accelerometers measure up)"
         yield Mistake("one of the verticals is upside down", remedy, posed(vertical_world=upside))
     if hasattr(problem, "axis2"):
         upside = tuple(-np.asarray(problem.axis2, float))
-        yield Mistake("one of the axes is reversed", "negate axis or axis2", posed(axis2=upside))
+        yield Mistake("one of the axes is reversed", "negate `axis` or `axis2`", posed(axis2=upside))
     yield from _coordinate_mistakes(points, cameras, pointed, filmed)
     yield from _lens_mistakes(cameras, filmed)
     yield from wrong_calibration(given)
     if not given.estimates_noise:
         if any(isinstance(camera, UnitRays) for camera in cameras.values()):
             unit = math.radians(1.0)
-            remedy = "give the noise of rays in radians: np.radians(...)"
+            remedy = "give the noise of rays in radians: `np.radians(...)`"
             yield Mistake("the noise is in degrees", remedy, make_change(points=scale_noise(points, 1.0, unit)))
         of_both = problem.noisy_source
         for mistake, factor in NOISIER.items():
-            remedy = f"give noise={_format_scaled(given.noise, factor)}"
+            remedy = f"give {_format_scaled(given.noise, factor)}"
             yield Mistake(mistake, remedy, make_change(points=scale_noise(points, factor if of_both else 1.0, factor)))
 
 
 def _format_scaled(noise: Any, factor: float) -> str:
     """A number or two, so many times as large; how many times that is, of more."""
     if isinstance(noise, tuple | list) and all(isinstance(one, int | float) for one in noise):
-        return f"({', '.join(f'{factor * one:.3g}' for one in noise)})"
-    return f"{factor * noise:.3g}" if isinstance(noise, int | float) else f" {factor:g} times as large"
+        return f"`noise=({', '.join(f'{factor * one:.3g}' for one in noise)})`"
+    return (
+        f"`noise={factor * noise:.3g}`" if isinstance(noise, int | float) else f"a `noise=` {factor:g} times as large"
+    )
 
 
 def _normal_mistakes(points: PointSets, pointed: Callable[..., Change]) -> Iterator[Mistake]:
     if points.normals is None:
         return
     if points.view_cosine is not None and (np.arccos(points.view_cosine) < math.pi / 2.0).any():
-        yield Mistake("the view angle is too small", "leave it out, or give a larger one", pointed(view_cosine=None))
+        yield Mistake("the view angle is too small", "give a larger one, or leave it out", pointed(view_cosine=None))
     yield Mistake("the normals point inwards", "negate nx, ny and nz", pointed(normals=-points.normals))
     yield Mistake("the normals are wrong", "leave them out", pointed(normals=None, view_cosine=None))
 
@@ -162,7 +164,7 @@ def _axis_mistakes(
         yield Mistake("the model is left-handed", "negate one coordinate of points and normals", pointed(**mirrored))
         each = [(own, np.array(R), np.array(t)) for own, R, t in camera.views]
         other_poses = {
-            "poses of the cameras map to the rig": ("the inverse", [(own, R.T, -R.T @ t) for own, R, t in each]),
+            "the camera poses map to the rig": ("the inverse", [(own, R.T, -R.T @ t) for own, R, t in each]),
             "the positions C of the cameras are given as t": ("t = −R C", [(own, R, -R @ t) for own, R, t in each]),
             "the axes of the cameras are those of OpenGL, y up and z backwards": (
                 "R and t with their second and third rows negated",
@@ -176,8 +178,8 @@ def _axis_mistakes(
             order = list(camera.views)
             order[one], order[other] = order[other], order[one]
             exchanged = camera.with_views(order)
-            remedy = f"exchange cameras {one} and {other} of the rig, or the camera of their detections"
-            yield Mistake(f"cameras {one} and {other} are exchanged", remedy, posed(camera=exchanged))
+            remedy = f"swap cameras {one} and {other} of the rig, or the camera indices of their detections"
+            yield Mistake(f"cameras {one} and {other} are swapped", remedy, posed(camera=exchanged))
         for wrong, right in UNITS:
             factor = ratio_of_units(wrong, right)
             name = f"the model is in {wrong}, the rig in {right}"
@@ -198,14 +200,14 @@ def _axis_mistakes(
     remedy = "give y downwards (image height − y), or negate one coordinate of the model and of its normals"
     yield Mistake("y is measured upwards in the image, or the model is left-handed", remedy, mirrored_along(1))
     if hasattr(task.problem, "vertical_world"):  # which tells these two apart
-        name, remedy = "x is mirrored, or the model is left-handed", "mirror x, or one level axis of the model"
+        name, remedy = "x is mirrored, or the model is left-handed", "mirror x, or one horizontal axis of the model"
         yield Mistake(name, remedy, mirrored_along(0))
     if points.target.shape[1] == 2:
         swapped = {"target": points.target[:, ::-1].copy()}
         if flat:
             swapped["source"] = points.source[:, ::-1].copy()
         yield Mistake(
-            "x and y of the image are exchanged", "give columns x, y: np.array(...)[:, ::-1]", pointed(**swapped)
+            "x and y of the image are swapped", "give columns x, y: `np.array(...)[:, ::-1]`", pointed(**swapped)
         )
 
 
@@ -288,18 +290,18 @@ def _lens_mistakes(
         yield Mistake(mistake, f"multiply fx, fy, cx and cy by {factor:g}", filmed(partial(_scale_camera, factor)))
     lenses = [one.lens for camera in cameras.values() for one in getattr(camera, "cameras", (camera,))]
     if any(isinstance(lens, Brown) and len(lens.values) in (4, 5) for lens in lenses):
-        remedy = "use Camera.from_opencv_fisheye(K, D)"
-        yield Mistake("the lens' coefficients are those of a fisheye", remedy, filmed(_to_fisheye))
+        remedy = "use `Camera.from_opencv_fisheye(K, D)`"
+        yield Mistake("the lens coefficients are those of a fisheye", remedy, filmed(_to_fisheye))
     if any(isinstance(lens, KannalaBrandt) for lens in lenses):
-        yield Mistake("the lens' coefficients are Brown's", "use Camera.from_opencv(K, dist)", filmed(_to_brown))
+        yield Mistake("the lens coefficients are Brown's", "use `Camera.from_opencv(K, dist)`", filmed(_to_brown))
     if any(lens is not None for lens in lenses):
         remedy = "give raw pixels, or leave the lens out"
         yield Mistake("the detections were undistorted already", remedy, filmed(lambda own: replace(own, lens=None)))
     remedy = "check the order: fx, fy, cx, cy"
-    yield Mistake("cx and cy are exchanged", remedy, filmed(lambda own: replace(own, cx=own.cy, cy=own.cx)))
+    yield Mistake("cx and cy are swapped", remedy, filmed(lambda own: replace(own, cx=own.cy, cy=own.cx)))
     shifts = [(x, y) for x in (0.5, -0.5) for y in (0.5, -0.5)]
     for half in (0.5, -0.5):
-        remedy = f"add {half:g} to cx and cy: OpenCV counts the first pixel's centre as (0, 0), COLMAP as (0.5, 0.5)"
+        remedy = f"add {half:g} to cx and cy: OpenCV has the centre of the first pixel at (0, 0), COLMAP at (0.5, 0.5)"
         rivals = tuple(shifted(x, y) for x, y in shifts if (x, y) != (half, half))
         yield Mistake("the principal point is off by half a pixel", remedy, shifted(half, half), rivals=rivals)
 

@@ -37,7 +37,7 @@ def split_candidates(candidates: ArrayLike | None, n: int, n_target: int) -> tup
             f"candidates: a weight of {unary.max():g} given, at most {LARGEST_PRIOR:g} expected; scale all of them"
         )
     if not mask.any():
-        raise InputError("candidates: none is allowed; allow at least the order of the problem")
+        raise InputError("candidates: no pair is allowed; allow at least as many as a hyper-edge has")
     return mask, None if np.asarray(candidates).dtype == np.bool_ else unary
 
 
@@ -55,8 +55,8 @@ def join_camera_noise(rig: Rig | None, noise: Any, target: ArrayLike) -> Any:
         return noise
     if len(noise) != cameras:
         raise InputError(
-            f"noise: a list of {len(noise)} given, and the rig has {cameras} cameras and {len(rows)} detections; give "
-            "one number, an array of one for each detection, or a list of these, one for each camera"
+            f"noise: a list of {len(noise)} given, but the rig has {cameras} cameras and {len(rows)} detections; "
+            "give one number, an array with one for each detection, or a list of these, one for each camera"
         )
     each = [as_floats(one, f"noise of camera {k}", "a number or one for each detection") for k, one in enumerate(noise)]
     by_axis, own = any(one.ndim > 1 for one in each), [rows[:, 2] == k for k in range(cameras)]
@@ -96,8 +96,8 @@ def check_not_exact(noise: Any) -> None:
         return  # which is refused with the points
     if exact.any():
         raise InputError(
-            "noise: 0 given, with which no measured point fits; give the standard deviation of a coordinate of the "
-            "target in its unit, such as 0.3 pixels: a small one for exact points"
+            "noise: 0 given, which no measured point can fit; give the standard deviation of a coordinate of the "
+            "target in its unit, such as 0.3 pixels, or a small one for exact points"
         )
 
 
@@ -153,7 +153,7 @@ def check_probability(name: str, value: Any) -> None:
     """Refuse anything but a number above 0 and at most 1; None passes."""
     check_positive(name, value)
     if value is not None and float(value) > 1.0:
-        raise InputError(f"{name}: {quote_value(value)} given; give a probability, at most 1")
+        raise InputError(f"{name}: {quote_value(value)} given; give a probability above 0, at most 1")
 
 
 def check_callable(name: str, value: Any, purpose: str) -> None:
@@ -170,8 +170,8 @@ def allow_for_calibration(problem: Problem, points: PointSets) -> tuple[PointSet
     if not any(getattr(getattr(problem, name, None), "is_uncertain", False) for name in ("camera", "camera2")):
         return points, None
     if not problem.takes_prior:
-        told = "leave out focal_noise and centre_noise, which the poses of P3P and UP2P alone allow for"
-        raise InputError(f"camera: not exact, and {problem.name} takes no account of that; {told}")
+        told = "leave focal_noise and centre_noise out; only P3P and UP2P allow for them"
+        raise InputError(f"camera: its calibration is not exact, which {problem.name} does not allow for; {told}")
     camera, axes = problem.camera, np.eye(3)  # type: ignore[attr-defined]
     if isinstance(problem, UP2P) and problem.vertical_noise == 0.0:
         axes = unit_direction(problem.vertical_camera, problem.name)[None]

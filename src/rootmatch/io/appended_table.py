@@ -75,7 +75,7 @@ class AppendedTable:
             on_error.callback(self.close)
             if is_written_through(path):
                 if resume:
-                    raise InputError(f"{path}: it is no file that can be continued; leave --resume out")
+                    raise InputError(f"{path}: this file cannot be continued; leave --resume out")
                 self._stream: Writable = self._open.enter_context(open_sink(path))
             else:
                 self._place = Path(os.path.realpath(path))
@@ -173,7 +173,7 @@ class AppendedTable:
         text = line.rstrip(b"\n").decode(errors="replace")
         cell, comma, _ = text.partition(",")
         if not comma or not cell.isascii() or not cell.isdigit() or len(cell) > MOST_DIGITS or "\ufffd" in text:
-            raise InputError(f"{self.path}, row {row}: {quote_value(text)} is no row of a frame; remove it")
+            raise InputError(f"{self.path}, row {row}: {quote_value(text)} is not a row of a frame; remove it")
         return int(cell)
 
     def _write_settings(self) -> None:
@@ -192,12 +192,12 @@ class AppendedTable:
             known = None
         if not isinstance(known, dict):
             raise InputError(
-                f"{self.path}: {file.name}, its settings, is not beside it or cannot be read; give another file"
+                f"{self.path}: its settings, {file.name}, are missing or cannot be read; give another file"
             )
         for name in {**self.settings, **known}:
             old, new = known.get(name), self.settings.get(name)
             if old != new:
-                told = f"{quote_value(new)} given, and it was begun with {quote_value(old)}"
+                told = f"{quote_value(new)} given, but the file was begun with {quote_value(old)}"
                 raise InputError(f"{self.path}: {name}: {told}; give the same again, or another file")
 
 

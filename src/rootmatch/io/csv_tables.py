@@ -65,7 +65,7 @@ def iterate_rows(
             cells = [cell.strip() for cell in raw]
             if not any(cells):
                 if len(cells) > 1:
-                    raise InputError(f"{where()}: commas without a value; fill the row, or remove it")
+                    raise InputError(f"{where()}: a row of commas without values; fill it, or remove it")
                 yield reader.line_num, {}
                 continue
             if not header:
@@ -74,7 +74,7 @@ def iterate_rows(
                 _refuse_separators(where(), cells, known, f"under a header row {expected}")
                 if first.startswith("#") and not set(header) <= set(known):
                     raise InputError(
-                        f"{where()}: a comment; remove the lines that begin with #, and begin with a header {expected}"
+                        f"{where()}: a comment; remove the lines that begin with #, and start with a header {expected}"
                     )
                 check_header(path, reader.line_num, header, needed(header), known)
             elif len(cells) != len(header):
@@ -163,7 +163,7 @@ def check_header(path: Path, row: int, header: list[str], needed: Sequence[str],
     if unknown:
         of_points = {"x", "y"} <= set(unknown)
         hint = "; is it a file of points or detections?" if of_points else _suggest_columns(unknown[:1], known)
-        of_rig = ": a rig has several cameras, and this is one" if unknown[0] == "camera" else ""
+        of_rig = ": a rig has several cameras, but this is a single one" if unknown[0] == "camera" else ""
         hint = hint or f"; remove it{of_rig}"
         raise InputError(
             f"{where}: the column {quote_value(unknown[0])} is unknown; known columns are {', '.join(known)}{hint}"

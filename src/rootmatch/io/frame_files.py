@@ -220,7 +220,7 @@ def _open_input(path: Path) -> Iterator[TextIO]:
             yield stream
         return
     if sys.stdin is None or sys.stdin.closed:
-        raise InputError("standard input: it is closed; give a file, or frames in a pipe")
+        raise InputError("standard input: it is closed; give a file, or pipe the frames in")
     if not hasattr(sys.stdin, "buffer"):
         yield sys.stdin
         return

@@ -78,7 +78,8 @@ class KnownPoses:
         asked = {"frame": frame, "time": time, None: math.nan}[self.column]
         if asked is None:
             raise InputError(
-                f"{self.path}: a column {self.column}, and the image file has none; add it there, or leave it out here"
+                f"{self.path}: it has a column {self.column}, but the image file has none; add it there, or leave it "
+                "out here"
             )
         self._asked.append(asked)
         given = {body: told for body, mine in self.rows.items() if (told := self._told(mine, asked)) is not None}
@@ -126,15 +127,15 @@ class KnownPoses:
         if not self._used:
             whens = [one.when for one in every]
             return (
-                f"{self.path}: no row matches a frame: {self.column} is from {min(whens):.9g} to {max(whens):.9g} "
-                f"there, and from {first:.9g} to {last:.9g} in the frames"
+                f"{self.path}: no row matches a frame: its {self.column} runs from {min(whens):.9g} to "
+                f"{max(whens):.9g}, that of the frames from {first:.9g} to {last:.9g}"
             )
         if self.column == "time":
             if not self._untold or self.empty:
                 return None
             return (
-                f"{self.path}: {self._untold} of {len(self._asked)} frames have no row within {1e3 * NEAR:g} ms, and "
-                f"no two rows about them that are {1e3 * GAP:g} ms apart or less"
+                f"{self.path}: {self._untold} of {len(self._asked)} frames have no row within {1e3 * NEAR:g} ms, nor "
+                f"two rows around them that are {1e3 * GAP:g} ms apart or less"
             )
         rest = [one for one in every if one.row not in self._used and first <= one.when <= last]
         if not rest:
@@ -161,7 +162,7 @@ def read_known(path: Path, labels: Collection[str] | None = None) -> KnownPoses:
     columns = rows[0][1]
     has_known_columns(path, columns)
     if "frame" in columns and "time" in columns:
-        raise InputError(f"{path}: columns frame and time; give one of them")
+        raise InputError(f"{path}: it has columns frame and time; give one of them")
     column = next((name for name in ("frame", "time") if name in columns), None)
     known: dict[str | None, list[KnownRow]] = {}
     keys, empty = [], False
@@ -176,7 +177,7 @@ def read_known(path: Path, labels: Collection[str] | None = None) -> KnownPoses:
         if told is not None:
             known.setdefault(body, []).append(KnownRow(when, row, told))
     if column is None:
-        refuse_repeats(path, keys, "body", "add a column frame or time, which says of which image each row is")
+        refuse_repeats(path, keys, "body", "add a column frame or time, which says to which image each row belongs")
     refuse_repeats(path, keys, f"{column} and body")
     return KnownPoses(path, column, known, empty)
 
@@ -184,7 +185,7 @@ def read_known(path: Path, labels: Collection[str] | None = None) -> KnownPoses:
 def _check_label(where: str, body: str, labels: Collection[str] | None) -> None:
     if labels is None:
         raise InputError(
-            f"{where}: body is {quote_value(body)}, and the model has no column body; leave the column out"
+            f"{where}: body is {quote_value(body)}, but the model has no column body; leave the column out"
         )
     if body not in labels:
         raise InputError(
@@ -224,8 +225,8 @@ class KnownInImage:
             value = cells.get(name, "")
             if value and (before := self._cells.setdefault(name, value)) != value:
                 raise InputError(
-                    f"{self.path}, row {row}: {name} is {quote_value(value)}, and {quote_value(before)} in a row of "
-                    "the image before; give one value for each image, in one of its rows or in all"
+                    f"{self.path}, row {row}: {name} is {quote_value(value)}, but {quote_value(before)} in an "
+                    "earlier row of the same image; give one value for each image, in one of its rows or in all"
                 )
             self._row = self._row if not value else row
 

@@ -30,9 +30,7 @@ def find_noise_columns(path: Path, header: Collection[str]) -> tuple[str, ...]:
     if "sigma" not in header:
         return several[0] if several else ()
     if several:
-        raise InputError(
-            f"{path}: columns sigma and {several[0][0]}; one of them says how noisy a point is, leave the other out"
-        )
+        raise InputError(f"{path}: it has columns sigma and {several[0][0]}; give only one of them")
     return ("sigma",)
 
 

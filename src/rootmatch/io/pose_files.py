@@ -29,8 +29,8 @@ def pose_format(path: Path, given: str | None) -> PoseFormat:
     """The format of a file of poses: as given, else by its suffix."""
     if given == "tum" or (given is None and path.suffix.lower() == ".tum"):
         raise InputError(
-            f"poses {path}: a trajectory of TUM has the times of its poses, and this is one image without a time; "
-            "`rootmatch track` writes one of frames"
+            f"poses {path}: a TUM trajectory needs the times of its poses, which a single image does not have; "
+            "`rootmatch track` writes one"
         )
     if given is not None:
         if given in FORMATS:
@@ -81,7 +81,9 @@ def read_prior(path: Path, labelled: bool) -> Pose | dict[str, Pose]:
     if not labelled:
         return _read_pose(path, content[0] if isinstance(content, list) and len(content) == 1 else content)
     if not isinstance(content, dict) or "R" in content:
-        raise InputError(f"{path}: one pose, and there are several bodies; give an object from labels to poses")
+        raise InputError(
+            f"{path}: it holds one pose, but there are several bodies; give an object from labels to poses"
+        )
     return {label: _read_pose(path, record) for label, record in content.items()}
 
 

@@ -66,7 +66,7 @@ class Problem(ABC):
     """Whether source points carry noise of their own, as those of an image do."""
     least_for_pose: ClassVar[int] = 0
     """Minimum number of matches for `poses`; 0 if the problem fits none."""
-    to_check: ClassVar[str] = "units and the arguments of the problem"
+    to_check: ClassVar[str] = "the units and the arguments of the problem"
     """What to check if no assignment can be trusted, as the advice of the status says it."""
     to_tell: ClassVar[str] = "restrict the possible pairs by `candidates`"
     """What may tell apart assignments that are equally good, for the advice. Name nothing that the problem refuses."""

@@ -14,7 +14,7 @@ from rootmatch.errors import InputError
 class Capability(Enum):
     """Capabilities: the argument that asks for one, what a problem without it lacks, and what to do instead."""
 
-    NORMALS = "normals", "does not use them, as its source is not seen by one calibrated camera", "leave them out"
+    NORMALS = "normals", "cannot use them, as its source is not seen by one calibrated camera", "leave them out"
     """Declared by `Problem.takes_normals`."""
     PRIOR = "prior", "has no pose that could be predicted", "leave it out"
     """Declared by `Problem.takes_prior` and `Problem.takes_motion_prior`."""
@@ -22,7 +22,7 @@ class Capability(Enum):
     """Declared by a camera with pixels whose pose the problem fits."""
     SOURCE_NOISE = (
         "noise",
-        "has exact source points, and a pair (source, target) was given",
+        "has exact source points, but a pair (source, target) was given",
         "give one number, or one for each target point",
     )
     """Declared by `Problem.noisy_source`."""

@@ -37,16 +37,16 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int, disti
         array = array.reshape(0, dimension)
     if array.ndim != 2 or array.shape[1] != dimension:
         of_image = name == "source" and dimension == 3 and array.shape[1:] == (2,)
-        hint = "; two images are matched by ThreePlusOne or PlanarMotion" if of_image else ""
+        hint = "; for two images use ThreePlusOne or PlanarMotion" if of_image else ""
         if array.ndim == 2 and array.shape[0] == dimension:
-            hint = "; transposed? Give one point a row"
+            hint = "; is it transposed? Give one point a row"
         raise InputError(f"{name}: shape {array.shape} given, (m, {dimension}) expected{hint}")
     if len(array) > MOST_POINTS:
-        raise InputError(f"{name}: {len(array):,} points given, {MOST_POINTS:,} at most; match a part of them")
+        raise InputError(f"{name}: {len(array):,} points given; give at most {MOST_POINTS:,}")
     if not float(np.abs(array).max(initial=0.0)) <= MOST:
         bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
         if len(bad):
-            raise InputError(f"{name}: point {bad[0]} holds NaN or infinity; remove such points, {len(bad)} in all")
+            raise InputError(f"{name}: point {bad[0]} holds NaN or infinity; remove such points ({len(bad)} in all)")
         far = np.flatnonzero((np.abs(array) > MOST).any(axis=1))
         raise InputError(f"{name}: point {far[0]} lies beyond {MOST:g}; choose another unit, or remove it")
     if len(array) < least:
@@ -56,7 +56,7 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int, disti
         raise InputError(f"{name}: points {same[0]} and {same[1]} are the same; remove repeated points")
     if len(array) > 1 and float((array.max(axis=0) - array.min(axis=0)).max()) < LEAST:
         same = find_repeated(array)
-        fault = f"lie within {LEAST:g}; choose another unit" if same is None else "are the same; give others"
+        fault = f"lie within {LEAST:g}; choose another unit" if same is None else "are the same; give distinct points"
         raise InputError(f"{name}: all points {fault}")
     return array
 
@@ -94,7 +94,9 @@ def check_view_angle(angle: ArrayLike | None, normals: object, count: int) -> Fl
     if angle is None:
         return None
     if normals is None:
-        raise InputError("view_angle: no normals given, from which it is measured; give normals=, or leave it out")
+        raise InputError(
+            "view_angle: it is measured from the normals, but none are given; give normals=, or leave it out"
+        )
     try:
         radians = np.asarray(angle, dtype=np.float64)
     except (TypeError, ValueError):
@@ -109,7 +111,7 @@ def check_view_angle(angle: ArrayLike | None, normals: object, count: int) -> Fl
         )
     if (least := float(np.min(radians))) < LEAST_VIEW_ANGLE:
         raise InputError(
-            f"view_angle: {least:.3g} radians given, {np.degrees(least):.3g}°, beyond which no point would be seen; "
+            f"view_angle: {least:.3g} radians given, {np.degrees(least):.3g}°, within which no point would be seen; "
             "give radians in Python, such as 1.22, and degrees on the command line, such as --view-angle 70"
         )
     return np.ascontiguousarray(np.broadcast_to(np.cos(radians), (count,)))
@@ -125,7 +127,7 @@ def check_not_collinear(points: Floats) -> None:
     """Refuse points that all lie on one line."""
     if are_collinear(points):
         raise InputError(
-            f"source: all {len(points)} points are collinear, which determines no pose; add points off the line"
+            f"source: all {len(points)} points are collinear, which leaves the pose open; add points off the line"
         )
 
 
@@ -160,6 +162,6 @@ def check_noise(noise: ArrayLike, count: int, pixel: float, name: str = "noise")
     if not np.all(np.isfinite(sigma)) or np.any(sigma < 0.0):
         raise InputError(f"{name}: {np.min(sigma):g} given; a standard deviation is finite and not negative")
     if np.any(sigma > most):
-        wide = "px given, wider than an image" if pixel == 1.0 else "given, wider than the points lie apart"
+        wide = "px given, wider than an image" if pixel == 1.0 else "given, more than the distance between points"
         raise InputError(f"{name}: {np.max(sigma):g} {wide}; give the standard deviation of a coordinate")
     return np.ascontiguousarray(np.broadcast_to(np.maximum(sigma, least), (count,)))

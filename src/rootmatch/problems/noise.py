@@ -81,7 +81,7 @@ def check_source_noise(noise: ArrayLike, points: Floats, name: str = "source_noi
     covariance = as_covariances(noise, points.shape, name)
     widest = float(np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0)).max())
     if widest > float(np.ptp(points, axis=0).max()):
-        raise InputError(f"{name}: {widest:g} given, more than the points lie apart; give it in their unit")
+        raise InputError(f"{name}: {widest:g} given, more than the distance between points; give it in their unit")
     return covariance
 
 
@@ -105,7 +105,7 @@ def as_covariances(noise: ArrayLike, shape: tuple[int, int], name: str) -> Float
             raise InputError(f"{name}: a covariance is not symmetric; give ({n}, {k}, {k}) covariances")
         covariance = 0.5 * (values + values.swapaxes(1, 2))
         if (np.linalg.eigvalsh(covariance) < -ROUNDED * largest[:, 0]).any():
-            raise InputError(f"{name}: a covariance has a negative eigenvalue; give those of an estimate")
+            raise InputError(f"{name}: a covariance has a negative eigenvalue; give positive semidefinite ones")
     return np.ascontiguousarray(covariance)
 
 

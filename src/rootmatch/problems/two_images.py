@@ -33,7 +33,7 @@ class TwoImageProblem(Problem):
     planar: ClassVar[bool] = False
     """Whether the camera moves at right angles to the common direction."""
     source_dimension: ClassVar[int] = 2
-    to_check: ClassVar[str] = "cameras and axes"
+    to_check: ClassVar[str] = "the cameras and the axes"
     noisy_source: ClassVar[bool] = True
     source_is_image: ClassVar[bool] = True
 

@@ -56,7 +56,7 @@ def write_colmap(
     lines = []
     for number, (name, match) in enumerate(images.items(), start=1):
         if not name or len(name.split()) != 1:
-            raise InputError(f"{name!r}: the name of an image; COLMAP takes one without spaces")
+            raise InputError(f"{name!r}: not a name of an image; COLMAP takes names without spaces")
         pose = match.pose
         if pose is None:
             raise InputError(f"{name}: its match has no pose; leave it out")
@@ -86,13 +86,15 @@ def write_colmap(
 def _common_points(images: Mapping[str, Match], ids: ArrayLike | None) -> tuple[NDArray[np.float64], list[int]]:
     """Points in space and their ids, alike for all images."""
     if not images:
-        raise InputError("images: none given; give a match for each name of an image")
+        raise InputError("images: none given; give a match for each image name")
     points = next(iter(images.values())).source
     for name, match in images.items():
         if match.problem.source_dimension != 3 or not hasattr(match.problem, "camera"):
             raise InputError(f"{name}: {match.problem.name} has no image of points in space; give one of P3P or UP2P")
         if not np.array_equal(match.source, points):
-            raise InputError(f"{name}: other points in space than the first image has; write a model for each")
+            raise InputError(
+                f"{name}: its points in space differ from those of the first image; write a model for each"
+            )
     known = np.arange(1, len(points) + 1) if ids is None else np.asarray(ids)
     if known.shape != (len(points),) or known.dtype.kind not in "iu" or len(set(known.tolist())) < len(points):
         raise InputError(f"ids: {known.dtype} of shape {known.shape} given; give {len(points)} different whole numbers")
@@ -112,7 +114,7 @@ def _camera_line(camera: CameraModel, size: tuple[int, int] | None, shift: float
         model = "OPENCV_FISHEYE"
     elif isinstance(camera.lens, Brown):
         if any(values[8:]):
-            raise InputError("camera: a lens with a thin prism or a tilt, which COLMAP lacks; calibrate without")
+            raise InputError("camera: a lens with a thin prism or a tilt, which COLMAP lacks; calibrate without them")
         full = any(values[4:8])
         model = "FULL_OPENCV" if full else "OPENCV"
         values = (*values, *(0.0,) * 8)[: 8 if full else 4]

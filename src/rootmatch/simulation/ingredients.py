@@ -100,7 +100,9 @@ def draw_image(
 def detect_points(camera: CameraModel, points: Floats, shift: Floats) -> Floats:
     """Detections of points (m, 3) of the camera frame, moved by some noise (m, 2)."""
     if not np.all(camera.sees(points)):
-        raise InputError("camera: it does not see all points of the scene; give one with a field of view of 30°")
+        raise InputError(
+            "camera: it does not see all points of the scene; give one with a field of view of at least 30°"
+        )
     image = camera.project(points)
     if camera.dimension == 2:
         return image + shift

@@ -23,8 +23,8 @@ from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.followed_places import clutter_after, log_return, return_factor, share_unseen, sole_odds_of
 from rootmatch.tracking.followed_pose import FollowedPose
 
-ALIKE = "it may be something else of nearly its shape, as not every frame fitted"
-GAVE_UP = "what was followed in its line of sight a moment ago did not fit"
+ALIKE = "it may be another object of nearly the same shape, as not every frame fitted"
+GAVE_UP = "what was followed along its line of sight a moment ago did not fit"
 
 
 def pose_certainty(belief: Belief, found: Finding, time: float) -> tuple[float, str]:
@@ -35,8 +35,8 @@ def pose_certainty(belief: Belief, found: Finding, time: float) -> tuple[float, 
     holds, told = bool(found.prior_holds) and bool(belief.poses), found.posterior
     absent = log_return(belief.poses[0], time) if holds else belief.log_absent(found, found.mode, time, seen=False)
     sure = {
-        "it may be in a place in which it was followed before": 1.0 - belief.gone.share,
-        "it may be another one that looks like it and came into view": probability(-math.log(COPY) - absent),
+        "it may be in a place where it was followed before": 1.0 - belief.gone.share,
+        "it may be a look-alike that came into view": probability(-math.log(COPY) - absent),
     }
     if belief.poses:  # where it was followed, or as a jump from there
         back = belief.presence_after_return(time)
@@ -50,9 +50,10 @@ def pose_certainty(belief: Belief, found: Finding, time: float) -> tuple[float, 
     if holds:
         unseen = share_unseen(found, belief.poses, belief.places) if len(belief.poses) > 1 else 0.0
         sure |= {
-            "it may have another pose, as a frame left more poses possible than are followed": 1.0 - belief.unfollowed,
-            "it may be in another followed place, of which this frame shows nothing": 1.0 - unseen,
-            "it is no more than what chance shows, which persists as well": _seen_chance(belief.poses[goes_on], found),
+            "it may have another pose, as an earlier frame left more poses possible than are followed": 1.0
+            - belief.unfollowed,
+            "it may be in another place that is followed and of which this frame shows nothing": 1.0 - unseen,
+            "it may be clutter that looks like it by chance and persists": _seen_chance(belief.poses[goes_on], found),
         }
     if holds or pose is not None:
         other = belief.log_other(goes_on, pose, time, found, found.assignment)

@@ -42,15 +42,15 @@ value."""
 DOUBTED = 0.5
 """Share of the evaluations of a search for a body that is found where it is expected. A round value."""
 
-UNCERTAIN = "this frame fits, but none before was certain of this pose, and of so few points chance may match all"
-UNSEARCHED = "this frame fits, but no search has excluded yet that another pose explains more"
+UNCERTAIN = "this frame fits, but no earlier frame was certain of this pose, and so few points may all match by chance"
+UNSEARCHED = "this frame fits, but no search has yet excluded that another pose explains more"
 
 
 class TrackingState(Enum):
     """Whether a body is being followed."""
 
     LOST = "lost: its pose is not known; the next frame is searched for it"
-    COASTING = "coasting: not found in the last frame; its pose is predicted from those before"
+    COASTING = "coasting: not found in the last frame; its pose is predicted from earlier frames"
     TRACKING = "tracking: found in the last frame"
 
     def __str__(self) -> str:
@@ -96,8 +96,8 @@ class TrackingOptions(Options):
         super().__post_init__()
         if self.interval > LONGEST_INTERVAL:
             raise InputError(
-                f"TrackingOptions: interval is {self.interval:g}; give the seconds between frames, such as 1/60, and "
-                "to `update` the time of each where they are so rare"
+                f"TrackingOptions: interval is {self.interval:g}; give the seconds between frames, such as 1/60; if "
+                "frames are that far apart, give `update` their times"
             )
 
 
@@ -271,7 +271,9 @@ class FollowedBody:
         unsure = bool(self.belief) and not self.settled and not _is_met(rest)
         if self.confirmed and not unsure and not doubted:
             return rest
-        reason = f"this frame fits, but by those before {why}" if doubted else UNCERTAIN if unsure else UNSEARCHED
+        reason = (
+            f"this frame fits, but judging by earlier ones, {why}" if doubted else UNCERTAIN if unsure else UNSEARCHED
+        )
         return copy_with(rest.with_facts(contested=True, sure_of_the_rest=False), reason=reason)
 
     def acquit(self) -> None:

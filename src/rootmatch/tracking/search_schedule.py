@@ -50,7 +50,7 @@ def warn_of_milliseconds(steps: list[float], step: float) -> None:
         return
     steps.append(step)
     if len(steps) == FIRST_STEPS and (usual := median(steps)) > SLOW:
-        text = f"time: the frames are {usual:.3g} s apart; where times are in milliseconds, divide them by 1000"
+        text = f"time: the frames are {usual:.3g} s apart; if times are in milliseconds, divide them by 1000"
         warnings.warn(text, InputWarning, stacklevel=3)
 
 

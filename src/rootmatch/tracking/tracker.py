@@ -103,7 +103,9 @@ max_evaluations
     ) -> None:
         given = {name: one for name, one in list(locals().items()) if name not in ("self", "tracking")}
         if isinstance(noise, str):
-            raise InputError(f"noise: {noise!r} given; a tracker needs a number of pixels; a Matcher can estimate it")
+            raise InputError(
+                f"noise: {noise!r} given; a tracker needs a number of pixels; `match` or a Matcher can estimate it"
+            )
         check_followed(problem, source)
         self.matcher = Matcher(**given)
         self._of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything

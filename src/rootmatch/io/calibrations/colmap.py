@@ -46,7 +46,7 @@ def read_colmap_text(path: Path, text: str) -> dict[str, Camera]:
             raise InputError(f"{where}: parameters that are not numbers; give {LINE}") from None
         found[cells[0]] = colmap_camera(where, cells[1], values, (cells[2], cells[3]))
     if not found:
-        raise InputError(f"{path}: no camera; give COLMAP's cameras.txt")
+        raise InputError(f"{path}: it holds no camera; give COLMAP's cameras.txt")
     return found
 
 

@@ -59,8 +59,8 @@ SIZES = (9, 12, 16)
 LEAST = 4
 """Length of OpenCV's shortest list of coefficients."""
 REMEDY = (
-    'it may be a lens, and is not read; if it is k1, k2, p1, p2[, k3, …] in OpenCV\'s order, name it "dist", else '
-    "convert it to that, or remove it"
+    'this may be a lens, but is not read; if it is k1, k2, p1, p2[, k3, …] in OpenCV\'s order, name it "dist"; '
+    "otherwise convert it to that, or remove it"
 )
 
 
@@ -85,7 +85,7 @@ def coefficients(path: Path, content: Mapping[str, Any], index: str = "") -> tup
     values = {name: read_numbers(path, quote_value(name)[1:-1], content[name]) for name in given}
     for name in given[1:]:
         if values[name] != values[given[0]]:
-            raise InputError(f"{path}: {given[0]} and {name} differ; a camera has one lens, leave one of them out")
+            raise InputError(f"{path}: {given[0]} and {name} differ; a camera has one lens: leave one of them out")
     return (given[0], values[given[0]]) if given else (None, [])
 
 
@@ -109,7 +109,9 @@ def refuse_unread(where: object, content: Mapping[str, Any], known: Collection[s
         if name in known or normalise_name(name) in known:
             continue
         if normalise_name(name) in ONE_BY_ONE and _parse_scalar(value):
-            raise InputError(f'{where}: {name} alone; give all coefficients as a list, "dist": [k1, k2, p1, p2, k3]')
+            raise InputError(
+                f'{where}: {name} is given on its own; give all coefficients as a list, "dist": [k1, k2, p1, p2, k3]'
+            )
         if _is_suspected_lens(str(name), value):
             raise InputError(f"{where}: {quote_value(name)} is {quote_value(value)}; {REMEDY}")
 

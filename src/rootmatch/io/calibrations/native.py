@@ -80,7 +80,7 @@ def _rig(path: Path, views: Any) -> Rig:
     for k, view in enumerate(views):
         for key, count in (("R", 9), ("t", 3)):
             if key not in view or len(read_numbers(path, f"{key} of camera {k}", view[key])) != count:
-                raise InputError(f"{path}: rig: {key} of camera {k} is missing, or has not {count} numbers")
+                raise InputError(f"{path}: rig: {key} of camera {k} is missing, or does not have {count} numbers")
         if "rig" in view:
             raise InputError(f"{path}: rig: camera {k} is a rig itself; give cameras")
         rest = {key: value for key, value in view.items() if key not in ("R", "t", *SIZE, *POSE_NOISE)}
@@ -110,7 +110,7 @@ def _attach_lens(path: Path, pinhole: Camera, content: dict[str, Any]) -> Camera
         return replace(pinhole, lens=Colmap(str(content["colmap"])[:40], tuple(values)))
     if content.get("fisheye") is not None:
         if values:
-            raise InputError(f"fisheye and {name} given; a camera has one lens, leave one of them out")
+            raise InputError(f"fisheye and {name} given; a camera has one lens: leave one of them out")
         return replace(pinhole, lens=KannalaBrandt(tuple(read_numbers(path, "fisheye", content["fisheye"]))))
     if len(values) == 0:
         return pinhole

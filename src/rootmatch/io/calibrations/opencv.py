@@ -41,7 +41,7 @@ def read_opencv(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
         with prefix_errors(path):
             found[f"camera{index}"] = with_image_size(camera, content, IMAGE_SIZE)
     if not found:
-        raise InputError(f"{path}: no camera matrix; give one as camera_matrix, with distortion_coefficients")
+        raise InputError(f"{path}: it holds no camera matrix; give one as camera_matrix, with distortion_coefficients")
     refuse_unread(path, content, known)
     return found
 

@@ -24,7 +24,7 @@ from rootmatch.io.inputs import read_bytes
 
 SUFFIXES = (".json", ".yaml", ".yml", ".xml", ".txt", ".bin", ".csv", ".npy")
 """Suffixes of calibration files that can be read."""
-REMEDY = "it is no calibration; give the file of the camera"
+REMEDY = "this is not a calibration; give the file of the camera"
 
 EXPECTED = "give a camera matrix (3, 3) of numbers"
 

@@ -102,7 +102,7 @@ def load_yaml(path: Path, text: str) -> Any:
                 if node is None:
                     return None
                 if _expanded_size(node, {}) > LARGEST:
-                    raise ValueError(f"written out, its aliases are more than {LARGEST:,} characters")
+                    raise ValueError(f"its aliases expand to more than {LARGEST:,} characters")
                 return loader.construct_document(node)
             finally:
                 loader.dispose()

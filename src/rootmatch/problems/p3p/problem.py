@@ -62,8 +62,8 @@ class P3P(Problem):
     degree: ClassVar[int] = 4
     constraints: ClassVar[int] = 2
     source_dimension: ClassVar[int] = 3
-    to_check: ClassVar[str] = "units and camera"
-    to_tell: ClassVar[str] = "give normals, or the vertical to `UP2P`"
+    to_check: ClassVar[str] = "the units and the camera"
+    to_tell: ClassVar[str] = "give normals, or a vertical (`UP2P`)"
     takes_normals: ClassVar[bool] = True
     takes_prior: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = 4

@@ -132,7 +132,7 @@ class Pose:
             raise InputError(f"pose: last row {values[k].tolist()} given; that of a rigid motion is 0 … 0 1")
         determinant = float(np.linalg.det(values[:k, :k]))
         if determinant == 0.0:
-            raise InputError("pose: a matrix without an inverse given; give a rotation, times a scale if there is one")
+            raise InputError("pose: a singular matrix given; give a rotation, times a scale if there is one")
         scale = abs(determinant) ** (1.0 / k)
         scale = 1.0 if abs(scale - 1.0) < ROUNDED else scale
         known = None if covariance is None else as_floats(covariance, "pose", "a covariance")
@@ -337,7 +337,7 @@ class Pose:
         if (
             self.rms is None or self.dof is None or self.dof + size != len(self.R) * count
         ):  # images have two coordinates
-            raise InputError("pose: FRE is defined for a pose fitted to two point sets; use rms, which is in pixels")
+            raise InputError("pose: FRE is only for a pose fitted to two point sets; use rms, which is in pixels")
         return self.rms
 
 

@@ -66,7 +66,7 @@ def check_rotation(value: ArrayLike, mirrored: bool) -> Floats:
     off = float(np.abs(R.T @ R - np.eye(len(R))).max())
     if off > ROUNDED or (len(R) == 3 and np.linalg.det(R) < 0.0 and not mirrored):
         why = f"RᵀR is {off:.2g} off the identity" if off > ROUNDED else "its determinant is −1, a reflection"
-        raise InputError(f"pose: R is no rotation, {why}; give an orthonormal matrix with determinant 1")
+        raise InputError(f"pose: R is not a rotation, {why}; give an orthonormal matrix with determinant 1")
     if off > 1e-12:
         u, _, vt = np.linalg.svd(R)
         R = u @ vt
@@ -85,9 +85,7 @@ def check_covariance(value: ArrayLike, dimension: int) -> Floats:
     covariance = 0.5 * (covariance + covariance.T)
     least = float(np.linalg.eigvalsh(_standardised_covariance(covariance)[0])[0])
     if np.any(np.diag(covariance) < 0.0) or least < -ASYMMETRIC:
-        raise InputError(
-            "pose: the covariance is not positive: it has a negative eigenvalue; give a positive semidefinite one"
-        )
+        raise InputError("pose: the covariance has a negative eigenvalue; give a positive semidefinite one")
     return covariance
 
 

@@ -87,7 +87,7 @@ class PosePrior:
             first, second = (unit_direction(np.ravel(one), "prior: vertical") for one in (source, camera))
             sigma = check_numbers(tilt, "vertical", "a number")
             if sigma.shape != () or sigma < 0.0:
-                raise InputError(f"prior: vertical: σ {sigma} given; give one number of radians, not a negative one")
+                raise InputError(f"prior: vertical: σ {sigma} given; give one number of radians, not negative")
             _check_angle("vertical", float(sigma))
             self.__dict__.update(vertical=(first, second, float(sigma)))
         parts = [one for one in (self.rotation, self.position, self.vertical) if one is not None]
@@ -253,7 +253,7 @@ def _check_parts(name: str, given: Any, count: int, expected: str) -> tuple[Any,
 def _check_angle(name: str, sigma: float) -> None:
     if sigma > WIDEST:
         raise InputError(
-            f"prior: {name}: σ {sigma:g} given, in radians: {np.degrees(sigma):.0f}°; give radians up to {WIDEST:g}, "
+            f"prior: {name}: σ of {sigma:g} radians given, {np.degrees(sigma):.0f}°; give radians up to {WIDEST:g}, "
             "such as np.radians(2.0) for 2°"
         )
     warn_of_degrees(f"prior: {name}", sigma, stacklevel=5)

@@ -72,7 +72,9 @@ class ThreePlusOne(TwoImageProblem):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not (0.0 <= self.axis_noise < 1.0):
-            raise InputError(f"axis_noise: {self.axis_noise} given; give radians from 0 to 1")
+            raise InputError(
+                f"axis_noise: {self.axis_noise} given; give radians from 0 to 1, such as np.radians(1.0) for 1°"
+            )
         if not (0.0 <= self.small_baseline < float("inf")):
             raise InputError(f"small_baseline: {self.small_baseline} given; give a positive ρ, or 0 for none")
         if self.unknown not in get_args(Unknown):

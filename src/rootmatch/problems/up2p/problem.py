@@ -71,7 +71,7 @@ class UP2P(Problem):
     degree: ClassVar[int] = 2
     constraints: ClassVar[int] = 2
     source_dimension: ClassVar[int] = 3
-    to_check: ClassVar[str] = "units, camera and both verticals"
+    to_check: ClassVar[str] = "the units, the camera and both verticals"
     to_tell: ClassVar[str] = "give normals"
     paper_rho: ClassVar[float] = 1e-2
     takes_normals: ClassVar[bool] = True
@@ -86,7 +86,9 @@ class UP2P(Problem):
             vertical_world=check_direction(self.vertical_world, "vertical_world", self.name),
         )
         if not (0.0 <= self.vertical_noise < 1.0):
-            raise InputError(f"vertical_noise: {self.vertical_noise} given; give radians from 0 to 1")
+            raise InputError(
+                f"vertical_noise: {self.vertical_noise} given; give radians from 0 to 1, such as np.radians(1.0) for 1°"
+            )
         warn_of_degrees("vertical_noise", float(self.vertical_noise))
 
     def rotations(self) -> tuple[Floats, Floats]:

@@ -70,8 +70,8 @@ class UP2PF(Problem):
     constraints: ClassVar[int] = 3
     source_dimension: ClassVar[int] = 3
     least_for_pose: ClassVar[int] = 4
-    to_check: ClassVar[str] = "units, centre and both verticals"
-    to_tell: ClassVar[str] = "give the focal length to `UP2P` where it is known"
+    to_check: ClassVar[str] = "the units, the centre and both verticals"
+    to_tell: ClassVar[str] = "use `UP2P` if the focal length is known"
 
     def __post_init__(self) -> None:
         self.__dict__.update(

@@ -113,7 +113,7 @@ def _list_views(match: Match, source_names: Sequence[str], target_names: Sequenc
     fits = match.problem.least_for_pose > 0
     views = [_view_record(match, match.assignment, match.poses if fits else [], "best", probability=match.probability)]
     for rank, (pose, likely) in enumerate(match.other_poses, start=1):
-        shown, title = "Differs in its pose alone", f"other pose {rank}"
+        shown, title = "Differs only in its pose", f"other pose {rank}"
         views.append(_view_record(match, match.assignment, [pose], title, probability=likely, differs=shown))
     poses = match.alternative_poses if fits else [[]] * len(match.alternatives)
     chances = None if match.bodies else match.finding.alternative_probabilities
@@ -203,10 +203,10 @@ def _fit_summary(poses: Sequence[Pose | None]) -> str:
         tail = float(distribution.sf(pose.chi2, pose.dof))
         which = f"Motion {label}: " if len(poses) > 1 else ""
         parts.append(
-            f"{which}χ² {pose.chi2:.3g} with {pose.dof} degrees of freedom; "
-            f"noise alone exceeds it in {tail:.1%} of the cases."
+            f"{which}χ² {pose.chi2:.3g} with {pose.dof} degrees of freedom; noise alone exceeds it in {tail:.1%} of "
+            "cases."
         )
-    return " ".join([*parts, "Dashed: where the noise stated would put the points."])
+    return " ".join([*parts, "Dashed: what the stated noise would give."])
 
 
 def _html_pose_record(match: Match, pose: Pose, label: int) -> dict[str, Any]:

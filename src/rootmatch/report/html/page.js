@@ -148,7 +148,7 @@
       ...(v.wrong ? [["●", WRONG, "wrong"]] : []),
     ]);
     at("whole-control").hidden = !shown;
-    if (shown) at("whole-label").textContent = `out to the camera, ${figure(poses[0].distance)} away`;
+    if (shown) at("whole-label").textContent = `zoom out to the camera, ${figure(poses[0].distance)} away`;
   }
 
   function drawTarget() {
@@ -173,7 +173,7 @@
     const own = colourOf(0);
     explain("target-key", [
       ["●", own, "matched"], ["●", GREY, "unmatched"],
-      ...(drawn.length ? [["+", own, "predicted by the pose"], ["—", RESIDUAL, "residual, as many times as the slider says"]] : []),
+      ...(drawn.length ? [["+", own, "predicted by the pose"], ["—", RESIDUAL, "residual, enlarged as the slider says"]] : []),
       ...(drawn.some(([, i]) => v.assignment[i] < 0) ? [["⊕", GREY, "predicted, not detected"]] : []),
       ...(v.wrong ? [["●", WRONG, "wrong"]] : []),
     ]);
@@ -271,7 +271,7 @@
     at("differs").textContent = view().differs;
   }
 
-  function scaleText() { at("scale-label").textContent = state.scale === 0 ? "not at all" : `${state.scale} times`; }
+  function scaleText() { at("scale-label").textContent = state.scale === 0 ? "not at all" : `${state.scale} times as long`; }
 
   function draw() {
     keepCamera(); drawHeader(); drawSource(); drawTarget(); drawResiduals(); drawSupport(); drawTable(); drawPoses();
