@@ -481,7 +481,7 @@ def test_a_second_mistake_does_not_hide_the_first() -> None:
     assert found.fits == ()
     assert found.nearest is not None
     assert found.nearest.mistake == "the model is in metres, the rig in millimetres"
-    assert "; the closest is the model is in metres" in str(found)
+    assert "; the nearest is the model is in metres" in str(found)
 
 
 def test_of_equally_probable_mistakes_the_commonest_is_named_first() -> None:

@@ -224,5 +224,6 @@ def nothing_found_text(problem: Problem) -> str:
         return "no pose explains more of the points than chance would"
     return (
         "chance explains all that was found, but the search may have missed the pose, as the axes are only known to "
-        f"{math.degrees(problem.axis_noise):.2g}°; give a smaller `axis_noise` if that is realistic"
+        f"{math.degrees(problem.axis_noise):.2g}°; "  # type: ignore[attr-defined]
+        "give a smaller `axis_noise` if that is realistic"
     )
