@@ -89,7 +89,7 @@ def test_a_first_compilation_is_told_once_and_in_a_terminal_only(monkeypatch: py
         cache._announce("one")
         cache._announce("another")
         assert screen.getvalue().count("\n") == lines
-        assert ("`rootmatch warmup` does it ahead" in screen.getvalue()) == bool(lines)
+        assert ("`rootmatch warmup` does it in advance" in screen.getvalue()) == bool(lines)
 
 
 WAIT = """

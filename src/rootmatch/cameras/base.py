@@ -148,9 +148,9 @@ def check_camera(camera: object, name: str = "camera", rigs: bool = False) -> No
             f"{name}: {type(camera).__name__} given; give a Camera, Camera(fx, fy, cx, cy) or Camera.from_matrix(K)"
         )
     if not rigs and hasattr(camera, "views"):
-        raise InputError(f"{name}: a Rig given, which P3P and UP2P alone take; give one camera")
+        raise InputError(f"{name}: a Rig given, but only P3P and UP2P take one; give a single camera")
     if getattr(camera, "camera", None) is not None:
-        raise InputError(f"{name}: Bearings(camera) given, a measurement; give the camera itself, or Bearings()")
+        raise InputError(f"{name}: Bearings(camera) given, which describes measurements; give the camera itself, or Bearings()")
 
 
 def check_deviation(value: Any, name: str, unit: str) -> float:

@@ -107,8 +107,8 @@ def _announce(driver: str) -> None:
         return
     _announce_once.append(driver)
     line = (
-        "compiling kernels for this machine, which is done once and takes a minute at most "
-        f"({prebuilt.reason_for_misfit() or 'a rare one is not prebuilt'}); `rootmatch warmup` does it ahead"
+        "compiling kernels for this machine, once, in up to a minute "
+        f"({prebuilt.reason_for_misfit() or 'a rare one is not prebuilt'}); `rootmatch warmup` does it in advance"
     )
     LOG.info(line)
     if sys.stderr is not None and sys.stderr.isatty():
