@@ -224,5 +224,5 @@ def test_options_and_names_are_judged():
 
 @pytest.mark.parametrize("name", SOLVERS)
 def test_an_array_is_no_tensor(name):
-    with pytest.raises(InputError, match=r"tensor: ndarray given; a solver takes an AffinityTensor"):
+    with pytest.raises(InputError, match=r"tensor: ndarray given; give an AffinityTensor"):
         get_solver(name)(np.ones((4, 4)))
