@@ -150,7 +150,7 @@ def check_camera(camera: object, name: str = "camera", rigs: bool = False) -> No
     if not rigs and hasattr(camera, "views"):
         raise InputError(f"{name}: a Rig given, but only P3P and UP2P take one; give a single camera")
     if getattr(camera, "camera", None) is not None:
-        raise InputError(f"{name}: Bearings(camera) given, which describes measurements; give the camera itself, or Bearings()")
+        raise InputError(f"{name}: Bearings(camera) given, which describes measurements; give the camera itself")
 
 
 def check_deviation(value: Any, name: str, unit: str) -> float:

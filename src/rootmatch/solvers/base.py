@@ -117,6 +117,6 @@ def is_empty(tensor: AffinityTensor) -> bool:
     """Whether no assignment of this tensor can score; what is no tensor is refused here, where each solver begins."""
     if not isinstance(tensor, AffinityTensor):
         raise InputError(
-            f"tensor: {type(tensor).__name__} given; give an AffinityTensor; AffinityTensor.from_dense() makes one of an array"
+            f"tensor: {type(tensor).__name__} given; give an AffinityTensor, as from_dense() makes of an array"
         )
     return not tensor.weights.any() and (tensor.unary is None or not tensor.unary.any())
