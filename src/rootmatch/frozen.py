@@ -17,9 +17,9 @@ def copy_with(value: Value, **fields: Any) -> Value:
     known, before = type(value).__dataclass_fields__, value.__dict__  # type: ignore[attr-defined]
     out = object.__new__(type(value))
     after = out.__dict__
-    after |= before if len(before) == len(known) else {name: before[name] for name in known}
+    after |= before if len(before) == (count := len(known)) else {name: before[name] for name in known}
     after |= fields
-    if len(after) > len(known):
+    if len(after) > count:
         raise TypeError(f"{type(value).__name__} has no field {', '.join(fields.keys() - known.keys())}")
     return out
 

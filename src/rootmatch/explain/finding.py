@@ -22,6 +22,7 @@ from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import score_assignments
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.modes import Modes
 from rootmatch.model.point_set_posterior import PointSetPosterior
 from rootmatch.model.posterior import Others, Posterior
 from rootmatch.problems.pose_fit.pose import Pose
@@ -66,7 +67,8 @@ class Finding:
     """Of the assignment against clutter alone, where the status needed it."""
     noise_factor: float | None = None
     noise_dof: int = 0
-    """Degrees of freedom of the residuals that tell it."""
+    moved: float = 0.0
+    """Degrees of freedom of the residuals that tell it, and `Misfit.moved`."""
     alike: Floats | None = None
     """(W,) log-odds of points that are off by each of `rootmatch.model.image_alike.ERRORS`, of those as given, where
     there is something near points that have no match."""
@@ -85,8 +87,9 @@ class Finding:
     prior_holds: bool | None = None
     contradicted: bool = False
     """Whether something that is known of the pose in part, and was combined with a prediction, all but excludes it."""
-    pose: Pose | None = None
-    """Of which a model of the image tells the assignment; a prediction that holds is part of it."""
+    fitted: Pose | None = None
+    is_posed: bool = False
+    """Its pose, if that is not just the one of its mode; and whether it has that of its mode."""
     posterior: Posterior | None = None
     """Of which it is told, where a model of the image decides."""
     model: DetectionModel | None = None
@@ -108,6 +111,14 @@ class Finding:
         if self.parts is not None:
             return least_trusted(part.status for part in self.parts.values())
         return self.facts.status
+
+    @once
+    def pose(self) -> Pose | None:
+        """Of which a model of the image tells the assignment; a prediction that holds is part of it."""
+        if self.fitted is not None or not self.is_posed:
+            return self.fitted
+        told, model = self.judged
+        return mode_pose(model, told.modes, self.mode)
 
     @property
     def judged(self) -> tuple[Posterior, DetectionModel]:
@@ -256,6 +267,11 @@ class Finding:
     def motion_labels(self) -> Integers:
         """Label of the rigid motion of each point, −1 where unmatched; (n,)."""
         return np.where(self.assignment >= 0, 0, -1) if self.labels is None else self.labels
+
+
+def mode_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
+    """The pose of one of the modes, of the points as they were given."""
+    return model.pose_of_origin(modes.rotation[k], modes.position[k], modes.covariance[k])
 
 
 def make_unjudged(

@@ -45,18 +45,21 @@ class Misfit(NamedTuple):
     match."""
     another: float = -math.inf
     """Log-odds of something else that shares some of the points, see `rootmatch.model.elsewhere`."""
+    moved: float = 0.0
+    """How far its detections move with the points, see `rootmatch.model.evidence.residual_statistics`."""
 
     @classmethod
-    def of(cls, chi2: float, freedom: int) -> Misfit:
+    def of(cls, chi2: float, freedom: int, moved: float = 0.0) -> Misfit:
         """The misfit of a pose with this χ²."""
         sigma = math.sqrt(chi2 / freedom) if freedom else math.nan
-        return cls((NOISE_FREEDOM + chi2) / (NOISE_FREEDOM + freedom), sigma, freedom)
+        return cls((NOISE_FREEDOM + chi2) / (NOISE_FREEDOM + freedom), sigma, freedom, moved=moved)
 
     @classmethod
     def told_by(cls, found: Finding) -> Misfit | None:
         """What a finding tells of its residuals; None if that is nothing."""
-        factor = found.noise_factor
-        return None if factor is None else cls(factor**2, factor, found.noise_dof, found.alike, found.another)
+        if (factor := found.noise_factor) is None:
+            return None
+        return cls(factor**2, factor, found.noise_dof, found.alike, found.another, found.moved)
 
     def rescaled_log_odds(self, log_odds: float) -> float:
         """Log-odds of the pose if σ was stated as many times too small, of those with the σ given.

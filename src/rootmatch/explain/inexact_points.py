@@ -12,15 +12,15 @@ import numpy as np
 
 from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
-from rootmatch.explain.finding import Finding
+from rootmatch.explain.finding import Finding, mode_pose
 from rootmatch.explain.goodness_of_fit import Misfit, is_misfit
-from rootmatch.explain.image_decision import image_finding, mode_misfit, mode_pose
+from rootmatch.explain.image_decision import image_finding, mode_misfit
 from rootmatch.explain.image_hypotheses import Candidate, propose_predicted
 from rootmatch.explain.in_time import final_deadline
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import residual_statistics, settle_poses
+from rootmatch.model.evidence import settle_poses
 from rootmatch.model.image_alike import (
     ERRORS,
     LOG_ALIKE,
@@ -121,14 +121,11 @@ def error_gains(found: Finding) -> Floats:
     """
     if found.labellings is not None:
         return _set_error_gains(found)
-    model, told, misfit = found.model, found.posterior, Misfit.told_by(found)
-    if model is None or told is None or misfit is None or not misfit.dof:
+    model, misfit = found.model, Misfit.told_by(found)
+    if model is None or misfit is None or not misfit.dof:
         return np.zeros(OWN)
-    modes, k, errors = told.modes, found.mode, ERRORS[:OWN] * model.radius
-    if k >= len(modes.log_odds):
-        return np.zeros(OWN)
-    _, moved = residual_statistics(model, modes.assignments[k], modes.rotation[k], modes.position[k])
-    return residual_log_gains(model.noise_freedom, (misfit.squared, moved), misfit.dof, errors)
+    residuals = misfit.squared, misfit.moved
+    return residual_log_gains(model.noise_freedom, residuals, misfit.dof, ERRORS[:OWN] * model.radius)
 
 
 def _set_error_gains(found: Finding) -> Floats:

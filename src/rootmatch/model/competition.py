@@ -77,11 +77,14 @@ def joint_posterior(
     alike_to: Sequence[Copies | None] = [None] * len(models) if copies is None else copies
     modes = of_each(lambda k: _sort_by_gains(models[k], every[k], alike_to[k])) if has_gains else every
     best = of_each(lambda k: modes[k].uses(count)[:KEPT])
-    parts = of_each(lambda k: _add_partial_modes(models[k], modes[k], k, best))
-    uses = of_each(lambda k: best[k] if len(best[k]) == len(parts[k].log_odds) else parts[k].uses(count))
-    masses = of_each(lambda k: parts[k].log_mass + PRESENT_ODDS)
-    origins = of_each(lambda k: _prediction_indices(models[k], parts[k]))
-    as_copies = of_each(lambda k: _copy_log_odds(models[k], parts[k], uses[k], origins[k]))
+
+    def choices(k: int) -> tuple[Modes, Bools, Floats, Integers | None, Floats | None]:
+        own = _add_partial_modes(models[k], modes[k], k, best)
+        used = best[k] if len(best[k]) == len(own.log_odds) else own.uses(count)
+        of = _prediction_indices(models[k], own)
+        return own, used, own.log_mass + PRESENT_ODDS, of, _copy_log_odds(models[k], own, used, of)
+
+    parts, uses, masses, origins, as_copies = map(list, zip(*of_each(choices), strict=True))
     named = [(k, mass) for k, mass in enumerate(as_copies) if mass is not None]
 
     def add(gains: Sequence[Floats | float]) -> None:

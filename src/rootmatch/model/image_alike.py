@@ -82,10 +82,11 @@ def alike_log_odds(model: DetectionModel, modes: Modes, k: int, taken: Bools | N
 
 def cache_answer(answer: Callable[..., Told], model: DetectionModel, mode: tuple[Any, ...], *more: Any) -> Told:
     """What a function tells of a model, arrays of a mode and more, kept by their values: a search asks it again."""
-    key = answer, model.prior, *(one.tobytes() if isinstance(one, np.ndarray) else one for one in (*mode, *more))
-    if key not in model.alike:
-        model.alike[key] = answer(model, mode, *more)
-    return model.alike[key]  # type: ignore[no-any-return]
+    every = [one.tobytes() if isinstance(one, np.ndarray) else one for one in (*mode, *more)]
+    known, key = model.alike, (answer, model.prior, *every)
+    if key not in known:
+        known[key] = answer(model, mode, *more)
+    return known[key]  # type: ignore[no-any-return]
 
 
 def residual_log_gains(given: float, residuals: tuple[float, float], freedom: float, errors: Floats) -> Floats:

@@ -103,8 +103,10 @@ class Belief:
 
     def presence_after_return(self, time: float) -> float:
         """See `log_returned`; 0 if the body was seen in the last frame, or the caller says where it is now."""
-        unseen = self.poses and all(one.filter.time < self.time < time for one in self.poses)
-        return log_returned(time - self.time) if unseen else 0.0
+        for one in self.poses:
+            if not one.filter.time < self.time < time:
+                return 0.0
+        return log_returned(time - self.time) if self.poses else 0.0
 
     @property
     def unfollowed(self) -> float:

@@ -286,7 +286,8 @@ class FollowedBody:
         """
         if self.belief:
             self.dark.take(found, time, self.belief.presence_after_return(time))
-            found = copy_with(found, another=min(found.another, self.dark.more))
+            if self.dark.more < found.another:
+                found = copy_with(found, another=self.dark.more)
         self.belief.take(found, time, searched)
         in_space = found.task.problem.takes_motion_prior
         if found.status is Status.MATCHED or self.belief:
