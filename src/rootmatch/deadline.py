@@ -98,7 +98,7 @@ class Deadline:
 
     def later(self, share: float, seconds: float) -> Deadline:
         """The deadline later by a share of the time allowed, if it states one, and so many seconds."""
-        if not self.is_set:
+        if self.ends == math.inf:
             return self
         late, allowed = Deadline(clock=self.clock), self.seconds if math.isfinite(self.seconds) else 0.0
         late.ends, late._cuts = self.ends + share * allowed + seconds, self._cuts

@@ -148,6 +148,11 @@ class Finding:
             return float(self.posterior.probabilities.sum())
         return 0.0 if self.labellings is None else self.labellings.present
 
+    @once
+    def matched_count(self) -> int:
+        """Number of its matches."""
+        return int(np.count_nonzero(self.assignment >= 0))
+
     def is_exchanged(self, mode: int | None) -> bool:
         """Whether a mode of the posterior is where another body of its family was expected."""
         every = None if self.posterior is None else self.posterior.exchanged
@@ -308,7 +313,6 @@ def make_empty_finding(task: MatchingTask, reason: str | None) -> Finding:
         log_odds=told,
         tensor=empty_tensor(task),
         scores=[0.0],
-        soft=np.zeros(task.row_shape),
         reason=reason,
     )
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -91,12 +92,10 @@ class Misfit(NamedTuple):
         The chance of residuals as large is uniform for the body, and has a Beta distribution towards 0 for anything
         else (compare Sellke, Bayarri and Berger 2001). What is beside points without a match tells of it as well.
         """
-        from scipy.special import fdtrc  # slow to import
-
         beside = 0.0 if self.alike is None else float(np.exp(np.minimum(self.alike, MOST_ALIKE)).mean())
         if not self.dof:
             return 1.0 + beside
-        chance = float(fdtrc(self.dof, FREEDOM_OF_RIG if of_rig else NOISE_FREEDOM, self.sigma**2))
+        chance = float(_tail_of_f()(self.dof, FREEDOM_OF_RIG if of_rig else NOISE_FREEDOM, self.sigma**2))
         return beside + float(SHAPE * max(chance, 1e-300) ** (SHAPE - 1.0))
 
     def log_odds_of_errors(self, log_inexact: Sequence[float]) -> Floats:
@@ -112,6 +111,14 @@ class Misfit(NamedTuple):
         odds = self.log_odds_of_errors(log_inexact)
         which = int(odds.argmax())
         return float(self.alike[which]) if self.alike is not None and odds[which] > 0.0 else 0.0
+
+
+@cache
+def _tail_of_f() -> Callable[..., Any]:
+    """SciPy's complement of the F distribution, which is slow to import; frame after frame asks for it."""
+    from scipy.special import fdtrc
+
+    return fdtrc  # type: ignore[no-any-return]
 
 
 def discount_misfit(

@@ -167,7 +167,9 @@ def image_finding(
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
     # otherwise no other pose with as few matches in each image would have been met
     met = sure is not None and is_met_by_search(base.task, model, sure)
-    points = int((first.reshape(-1, base.task.shape[0]) >= 0).any(axis=0).sum())  # a rig sees one several times
+    points = matched
+    if base.task.rig is not None:  # which sees one several times
+        points = int(np.count_nonzero((first.reshape(-1, base.task.shape[0]) >= 0).any(axis=0)))
     of_the_rest = (met or (holds and kept >= LEAST)) and trusted is not None and trusted.known >= KEPT * matched
     facts = Facts(
         present=present,

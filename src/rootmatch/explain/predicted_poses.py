@@ -159,7 +159,7 @@ def check_contradiction(found: Finding, told: Pose | PosePrior | None) -> Findin
 
 def finding_poses(found: Finding) -> list[Pose | None]:
     """The most likely pose of each motion of a finding: polished from that of its model if there is one."""
-    matched = np.count_nonzero(found.assignment >= 0)
+    matched = found.matched_count
     found = copy_with(found, fitted=found.pose or _weighed_pose(found))
     if found.pose is not None and (found.prior_holds or matched >= found.task.problem.least_for_pose):
         pose = polish_pose(found)

@@ -108,8 +108,7 @@ def check_followed(problem: Problem, source: ArrayLike) -> None:
 
 def prior_attributes(prior: object) -> dict[str, Any]:
     """The attributes of a task that hold a prior, or those of several bodies by label."""
-    return {
-        "prior_pose": prior if isinstance(prior, Pose) else None,
-        "known": prior if isinstance(prior, PosePrior) else None,
-        "priors": dict(prior) if isinstance(prior, Mapping) else {},
-    }
+    if isinstance(prior, Pose):
+        return {"prior_pose": prior, "known": None, "priors": {}}
+    known = prior if isinstance(prior, PosePrior) else None
+    return {"prior_pose": None, "known": known, "priors": dict(prior) if isinstance(prior, Mapping) else {}}

@@ -59,7 +59,7 @@ def alike_log_odds(model: DetectionModel, modes: Modes, k: int, taken: Bools | N
     """
     assignment, images = modes.assignments[k], max(len(model.images), 1)
     missed = bool(((assignment < 0) & (modes.visible[k] > HIDDEN)).any())
-    shared = bool(((assignment >= 0).reshape(images, -1).sum(axis=0) > 1).any())
+    shared = images > 1 and bool(((assignment >= 0).reshape(images, -1).sum(axis=0) > 1).any())
     if not missed and not shared:
         return None
     errors = ERRORS * model.radius

@@ -248,9 +248,9 @@ class Belief:
         every = share_misfit_odds(every, new)
         known, unfollowed = bool(self.poses), {one.place: one.unfollowed for one in self.poses}
         self.poses = pool_place_weights([one for one in every if one.log_other < GIVEN_UP])
-        share = np.exp([step.total - after[0].total for step in after])
-        kept = np.array([step in likely for step in after], np.bool_)
-        left = float(share[~kept].sum() / max(share.sum(), 1.0) + told.probabilities[len(origin) :].sum())
+        share = np.exp([step.total - after[0].total for step in after]).tolist()
+        left = sum([one for one, step in zip(share, after, strict=True) if step not in likely]) / max(sum(share), 1.0)
+        left += float(told.probabilities[len(origin) :].sum())
         if origin[0] < 0 and found.facts.missed > EXISTS and is_met_by_search(found.task, model, modes.assignments[0]):
             left = max(left, found.facts.missed)  # of what looks like itself, and does so in the next frame too
         for lead in after[:1]:

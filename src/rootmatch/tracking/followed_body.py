@@ -307,7 +307,7 @@ class FollowedBody:
                 self._lose(1.0 - (found.facts.present or 0.0) if searched else self.belief.absent)
             return
         self.belief.leave_before(time - self.options.coasting)
-        self.missed, self.detections, self.own = 0, found.task.shape[1], int((found.assignment >= 0).sum())
+        self.missed, self.detections, self.own = 0, found.task.shape[1], found.matched_count
         least = found.facts.min_probability
         if self.belief and 1.0 - self.belief.unfollowed < least and frame - self.searched >= self.options.search_every:
             self._lose(absent=0.0)  # what is not followed can only be found anew
@@ -318,7 +318,7 @@ class FollowedBody:
 
 def _unused_count(found: Finding) -> int:
     """Number of detections that a finding does not explain."""
-    return found.task.shape[1] - int((found.assignment >= 0).sum())
+    return found.task.shape[1] - found.matched_count
 
 
 def _is_met(found: Finding) -> bool:
