@@ -227,7 +227,7 @@ max_hyperedges, max_evaluations
             given = f"{len(detections)} detection{'s' * (len(detections) > 1)} given"
             return f"{given}, at least {self.problem.order} needed by {self.problem.name}"
         if self.problem.takes_prior:
-            one = len(detections) > 1 and bool((detections == detections[0]).all())
+            one = len(detections) > 1 and not np.count_nonzero(detections != detections[0])
             return f"all {len(detections)} detections are the same" if one else None
         same = find_repeated(detections)
         return None if same is None else f"detections {same[0]} and {same[1]} are the same; keep one of them"

@@ -145,7 +145,7 @@ class Finding:
     def presence_probability(self) -> float:
         """Probability that the body is in view, or what has nearly its shape: whether or not a pose fits."""
         if self.posterior is not None:
-            return float(self.posterior.probabilities.sum())
+            return self.posterior.shown
         return 0.0 if self.labellings is None else self.labellings.present
 
     @once

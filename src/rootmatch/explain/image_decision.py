@@ -155,11 +155,12 @@ def image_finding(
     prediction = -1 if told.origins is None else int(told.origins[k])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
     if beside and present >= LIKELY:
-        whole, asked = asked, False
+        whole, asked, alike, another = asked, False, None, -math.inf
         with last.within():
-            fault = fault._replace(alike=alike_log_odds(model, modes, k, of_others))
-            fault = fault._replace(another=something_else_log_odds(model, told, k, of_others))
+            alike = alike_log_odds(model, modes, k, of_others)
+            another = something_else_log_odds(model, told, k, of_others)
             asked = whole
+        fault = fault._replace(alike=alike, another=another)
     # what there was no time to ask may be so
     missed = (missed_as_known if holds else missed) if asked else 1.0
     trusted = told.believe(least, 1.0 if surest is None else surest[1]) if k == 0 and missed <= TRUST.missed else None
@@ -218,7 +219,7 @@ def image_finding(
 def is_alike_possible(found: Finding, of_others: NDArray[np.bool_] | None) -> bool:
     """Whether something near the points without a match may say that a finding is of something alike."""
     told, model = found.posterior, found.model
-    if told is None or model is None or found.noise_factor is None or not told.probabilities.sum() >= LIKELY:
+    if told is None or model is None or found.noise_factor is None or not told.shown >= LIKELY:
         return False
     k = found.mode
     with final_deadline().within():

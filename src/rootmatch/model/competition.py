@@ -92,9 +92,10 @@ def joint_posterior(
         named[:] = [(k, mass + gains[k]) for k, mass in named]
 
     def weighed(named: Sequence[tuple[int, Floats]]) -> list[Floats]:
+        of, of_copies = [k for k, _ in named], [mass for _, mass in named]
         return joint_marginals(
-            [*uses, *(uses[k] for k, _ in named)], [*masses, *(mass for _, mass in named)], models[0].log_odds_of_left,
-            images=models[0].image_indices, given=[*(-1 for _ in parts), *(k for k, _ in named)], same=same,
+            [*uses, *[uses[k] for k in of]], [*masses, *of_copies], models[0].log_odds_of_left,
+            images=models[0].image_indices, given=[-1] * len(parts) + of, same=same,
         )  # fmt: skip
 
     if copies is not None:
@@ -126,8 +127,9 @@ def joint_posterior(
     def told(k: int) -> Posterior:
         each, of = (1.0 - WRONG_MODEL) * shares[k], origins[k]
         copy = min(of_copy[k], float(each[-1])) if k in of_copy else 0.0
-        mine, chances, order = parts[k], each[:-1], (-each[:-1]).argsort(kind="stable")
-        if not (order[1:] > order[:-1]).all():  # they are in order nearly always
+        mine, chances = parts[k], each[:-1]
+        if np.count_nonzero(chances[1:] > chances[:-1]):  # they are in order nearly always
+            order = (-chances).argsort(kind="stable")
             mine, chances, of = mine.take(order), chances[order], None if of is None else of[order]
         return Posterior(mine, chances, float(each[-1]), origins=of, copy=copy, copies=leaders.count(leaders[k]))
 

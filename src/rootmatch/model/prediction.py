@@ -229,7 +229,8 @@ def look_about(
         visible = model.visibility(at, np.array([_direction_sigma(covariance)]))[0]
         gate((*_image_arguments(model, at), visible), np.array(covariance), gating_image(model), limits, gated)
         return Looked(at, visible, gated[0], settled=[], last=gated[2], about=at)
-    at = image_room(n, model.normals is not None, *(one.repeat(rounds + 1, axis=0) for one in pose))
+    rotation, position = pose[0].repeat(rounds + 1, axis=0), pose[1].repeat(rounds + 1, axis=0)
+    at = image_room(n, model.normals is not None, rotation, position)
     found, rows = evidence_buffers(rounds, n), np.empty((rounds, n), np.int64)
     candidates, visible = np.empty(shape, np.bool_), np.empty(n)
     count = follow_gates(

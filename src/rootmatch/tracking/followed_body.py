@@ -157,11 +157,12 @@ class FollowedBody:
         unseen = (time - self.belief.best.time) / self.options.interval
         moved = DOUBT if unseen <= 1.0 else 1.0 - (1.0 - DOUBT) ** unseen
         doubt = min(max(moved, 1.0 - self.dark.holds), 1.0 - WRONG_MODEL)
-        pose, rivals = self.belief.predicted(time, doubt, self.dark.at(time))
+        pose, others = self.belief.predicted(time)
         narrowed = None
         if frame is not None and self.missed:
             narrowed = self.narrowed.of_frame(frame, len(self.belief.poses), searching=bool(self.waiting))
-        return pose, rivals._replace(placed=self.dark.placed, narrowed=narrowed)
+        places = tuple([one.place for one in self.belief.poses])
+        return pose, Rivals(others, doubt, places, self.dark.at(time), self.dark.placed, narrowed)
 
     def keep_best(self, time: float) -> None:
         """The caller says where the body is: nothing beside it is taken for its points."""

@@ -142,7 +142,7 @@ def _right_patterns(count: int) -> Bools:
 def rates(found: Finding) -> Floats:
     """Probability (n,) that each point is detected if it is lit, in the pose of a finding."""
     assert found.posterior is not None
-    visible = np.asarray(found.posterior.modes.visible[found.mode])
+    visible: Floats = found.posterior.modes.visible[found.mode]
     return (found.task.options.detection_rate or USUAL_RATE) * visible
 
 

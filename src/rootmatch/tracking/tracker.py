@@ -224,7 +224,7 @@ max_evaluations
         given = dict[Label | None, Prior]()
         if prior is not None:
             check_predicted(prior, self.labels, self.matcher.problem)
-            given.update(prior if isinstance(prior, Mapping) else {None: prior})
+            given.update(prior.items() if isinstance(prior, Mapping) else {None: prior}.items())
         with self._turns:
             when, before = self._time(time), self.time
             if before is not None and when <= before:
