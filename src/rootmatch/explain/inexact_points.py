@@ -12,7 +12,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
-from rootmatch.explain.finding import Finding, mode_pose
+from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit, is_misfit
 from rootmatch.explain.image_decision import image_finding, mode_misfit
 from rootmatch.explain.image_hypotheses import Candidate, propose_predicted
@@ -101,9 +101,7 @@ def _average_error_sizes(again: Finding, task: MatchingTask, exact: DetectionMod
     own = own._replace(rotation=at.rotation, position=at.position, covariance=found.covariance)
     told = copy_with(told, modes=modes.take(slice(k)).and_(own).and_(modes.take(slice(k + 1, None))))
     noisy = copy_with(again.task, points=task.problem.with_source_noise(task.points, error))
-    return copy_with(
-        again, task=noisy, model=model, posterior=told, pose=mode_pose(model, told.modes, k), point_error=error
-    )
+    return copy_with(again, task=noisy, model=model, posterior=told, point_error=error)
 
 
 def alike_error(found: Finding) -> float:
