@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import oracles
 import rootmatch as rm
-from rootmatch.explain.image_decision import mode_pose
+from rootmatch.explain.finding import mode_pose
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.mode_search import find_modes

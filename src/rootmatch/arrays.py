@@ -59,7 +59,7 @@ def cache_by_values(most: int, *, frozen: bool = True) -> Callable[[Callable[P, 
         @wraps(function)
         def by_values(*arguments: P.args, **named: P.kwargs) -> R:
             every = (*arguments, *named, *named.values())
-            key = tuple([(a.tobytes(), a.dtype, a.shape) if isinstance(a, np.ndarray) else a for a in every])
+            key = tuple([(a.tobytes(), a.dtype, a.shape) if type(a) is np.ndarray else a for a in every])
             try:
                 kept.move_to_end(key)
                 return kept[key]

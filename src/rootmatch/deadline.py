@@ -98,7 +98,7 @@ class Deadline:
 
     def later(self, share: float, seconds: float) -> Deadline:
         """The deadline later by a share of the time allowed, if it states one, and so many seconds."""
-        if not self.is_set:
+        if self.ends == math.inf:
             return self
         late, allowed = Deadline(clock=self.clock), self.seconds if math.isfinite(self.seconds) else 0.0
         late.ends, late._cuts = self.ends + share * allowed + seconds, self._cuts
@@ -130,7 +130,7 @@ class Within(Enforced):
     """The same block, which ends quietly, see `Deadline.within`."""
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:  # type: ignore[override]
-        super().__exit__(kind)
+        _in_force.reset(self.token)
         return kind is not None and issubclass(kind, OutOfTime)
 
 
@@ -150,7 +150,7 @@ def checkpoint(seconds: float = 0.0) -> None:
     Raises `OutOfTime`.
     """
     deadline = _in_force.get()
-    if deadline.is_set and deadline.left() <= seconds:
+    if deadline.ends < math.inf and deadline.left() <= seconds:
         deadline.record_cut(left_out=True)
         raise OutOfTime
 

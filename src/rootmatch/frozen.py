@@ -14,12 +14,14 @@ def copy_with(value: Value, **fields: Any) -> Value:
     Stages hand on findings with dozens of fields, several times in each frame of a tracker. What was worked out once is
     left behind, as by `dataclasses.replace`.
     """
-    known, before = type(value).__dataclass_fields__, value.__dict__  # type: ignore[attr-defined]
-    out = object.__new__(type(value))
+    known = type(value).__dataclass_fields__  # type: ignore[attr-defined]
+    out, count = object.__new__(type(value)), len(known)
     after = out.__dict__
-    after |= before if len(before) == len(known) else {name: before[name] for name in known}
+    after |= value.__dict__
+    while len(after) > count:  # what was worked out once comes after the fields
+        after.popitem()
     after |= fields
-    if len(after) > len(known):
+    if len(after) > count:
         raise TypeError(f"{type(value).__name__} has no field {', '.join(fields.keys() - known.keys())}")
     return out
 

@@ -23,7 +23,7 @@ from rootmatch.explain.body_labels import Label, check_bodies
 from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.match_options import MatchOptions, SamplerName
-from rootmatch.explain.prior_validation import NONE, Prior, Rivals
+from rootmatch.explain.prior_validation import NONE, Prior, Rivals, check_predicted
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_problem
 from rootmatch.hypergraph.affinity import Residual
@@ -145,6 +145,8 @@ max_hyperedges, max_evaluations
             As `rootmatch.match`.
         """
         started = time.perf_counter()
+        if prior is not None:
+            check_predicted(prior, self.labels, self.problem)
         options = self.options if max_seconds is None else replace(self.options, max_seconds=max_seconds)
         deadline = Deadline(options.max_seconds, started=started)
         found = self.explained(
@@ -225,7 +227,7 @@ max_hyperedges, max_evaluations
             given = f"{len(detections)} detection{'s' * (len(detections) > 1)} given"
             return f"{given}, at least {self.problem.order} needed by {self.problem.name}"
         if self.problem.takes_prior:
-            one = len(detections) > 1 and bool((detections == detections[0]).all())
+            one = len(detections) > 1 and not np.count_nonzero(detections != detections[0])
             return f"all {len(detections)} detections are the same" if one else None
         same = find_repeated(detections)
         return None if same is None else f"detections {same[0]} and {same[1]} are the same; keep one of them"
@@ -236,7 +238,6 @@ max_hyperedges, max_evaluations
         n, n_target = len(self.source), len(detections)
         noise = math.nan if isinstance(self.noise, str) else self.noise
         points = PointSets(self.source, detections, np.full(n, math.nan), np.full(n_target, math.nan), self.normals)
-        task = MatchingTask(
-            self.problem, points, self.options.affinity(self.problem), self.options, noise=noise, bodies=self.labels
-        )
+        weigh = self.options.affinity(self.problem, False)
+        task = MatchingTask(self.problem, points, weigh, self.options, noise=noise, bodies=self.labels)
         return find_no_body(task, reason)

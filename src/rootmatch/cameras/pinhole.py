@@ -239,8 +239,8 @@ class Camera(CameraModel):
 
         None if a detection lies outside of it.
         """
-        size = np.array(self.size or (2.0 * self.cx, 2.0 * self.cy))
-        return size.prod(keepdims=True) if ((target >= 0.0) & (target <= size)).all() else None
+        width, height = size = self.size or (2.0 * self.cx, 2.0 * self.cy)
+        return np.array([width * height], float) if ((target >= 0.0) & (target <= size)).all() else None
 
     def project(self, points: ArrayLike) -> Floats:
         """Pixels (…, 2) of points (…, 3) in the camera frame; does not check that the camera `sees` them."""

@@ -152,7 +152,7 @@ def allow_continuations(told: Posterior, model: DetectionModel, places: Places, 
 
     The same where no detection is in one of the places. ``taken``: (n',) detections of other bodies.
     """
-    if not len(places.points) or not float(told.probabilities.sum()) >= LIKELY:
+    if not len(places.points) or not told.shown >= LIKELY:
         return told
     beside = Beside(model, places, taken)
     modes = beside.each(told)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
     are left out.
     """
     _warn_of_idle_solver(task)
-    return explain_seen(task, lambda seen: explain_in_time(seen, lambda seen: _explain_searching(seen, searching)))
+    return explain_seen(task, partial(explain_in_time, found=partial(_explain_searching, searching=searching)))
 
 
 def _warn_of_idle_solver(task: MatchingTask) -> None:

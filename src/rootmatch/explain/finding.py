@@ -23,6 +23,7 @@ from rootmatch.hypergraph.enumeration import sweep_cost
 from rootmatch.hypergraph.support import score_assignments
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.modes import Modes
 from rootmatch.model.point_set_posterior import PointSetPosterior
 from rootmatch.model.posterior import Others, Posterior
 from rootmatch.problems.pose_fit.pose import Pose
@@ -67,7 +68,8 @@ class Finding:
     """Of the assignment against clutter alone, where the status needed it."""
     noise_factor: float | None = None
     noise_dof: int = 0
-    """Degrees of freedom of the residuals that tell it."""
+    moved: float = 0.0
+    """Degrees of freedom of the residuals that tell it, and `Misfit.moved`."""
     alike: Floats | None = None
     """(W,) log-odds of points that are off by each of `rootmatch.model.image_alike.ERRORS`, of those as given, where
     there is something near points that have no match."""
@@ -86,8 +88,9 @@ class Finding:
     prior_holds: bool | None = None
     contradicted: bool = False
     """Whether something that is known of the pose in part, and was combined with a prediction, all but excludes it."""
-    pose: Pose | None = None
-    """Of which a model of the image tells the assignment; a prediction that holds is part of it."""
+    fitted: Pose | None = None
+    is_posed: bool = False
+    """Its pose, if that is not just the one of its mode; and whether it has that of its mode."""
     posterior: Posterior | None = None
     """Of which it is told, where a model of the image decides."""
     model: DetectionModel | None = None
@@ -109,6 +112,14 @@ class Finding:
         if self.parts is not None:
             return least_trusted(part.status for part in self.parts.values())
         return self.facts.status
+
+    @once
+    def pose(self) -> Pose | None:
+        """Of which a model of the image tells the assignment; a prediction that holds is part of it."""
+        if self.fitted is not None or not self.is_posed:
+            return self.fitted
+        told, model = self.judged
+        return mode_pose(model, told.modes, self.mode)
 
     @property
     def judged(self) -> tuple[Posterior, DetectionModel]:
@@ -148,8 +159,13 @@ class Finding:
     def presence_probability(self) -> float:
         """Probability that the body is in view, or what has nearly its shape: whether or not a pose fits."""
         if self.posterior is not None:
-            return float(self.posterior.probabilities.sum())
+            return self.posterior.shown
         return 0.0 if self.labellings is None else self.labellings.present
+
+    @once
+    def matched_count(self) -> int:
+        """Number of its matches."""
+        return int(np.count_nonzero(self.assignment >= 0))
 
     def is_exchanged(self, mode: int | None) -> bool:
         """Whether a mode of the posterior is where another body of its family was expected."""
@@ -272,6 +288,11 @@ class Finding:
         return np.where(self.assignment >= 0, 0, -1) if self.labels is None else self.labels
 
 
+def mode_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
+    """The pose of one of the modes, of the points as they were given."""
+    return model.pose_of_origin(modes.rotation[k], modes.position[k], modes.covariance[k])
+
+
 def make_unjudged(
     task: MatchingTask, sampled: SampledTensor, solution: Solution | None
 ) -> tuple[list[Integers], Finding]:
@@ -306,7 +327,6 @@ def make_empty_finding(task: MatchingTask, reason: str | None) -> Finding:
         log_odds=told,
         tensor=empty_tensor(task),
         scores=[0.0],
-        soft=np.zeros(task.row_shape),
         reason=reason,
     )
 

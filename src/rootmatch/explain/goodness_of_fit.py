@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -45,18 +46,21 @@ class Misfit(NamedTuple):
     match."""
     another: float = -math.inf
     """Log-odds of something else that shares some of the points, see `rootmatch.model.elsewhere`."""
+    moved: float = 0.0
+    """How far its detections move with the points, see `rootmatch.model.evidence.residual_statistics`."""
 
     @classmethod
-    def of(cls, chi2: float, freedom: int) -> Misfit:
+    def of(cls, chi2: float, freedom: int, moved: float = 0.0) -> Misfit:
         """The misfit of a pose with this χ²."""
         sigma = math.sqrt(chi2 / freedom) if freedom else math.nan
-        return cls((NOISE_FREEDOM + chi2) / (NOISE_FREEDOM + freedom), sigma, freedom)
+        return cls((NOISE_FREEDOM + chi2) / (NOISE_FREEDOM + freedom), sigma, freedom, moved=moved)
 
     @classmethod
     def told_by(cls, found: Finding) -> Misfit | None:
         """What a finding tells of its residuals; None if that is nothing."""
-        factor = found.noise_factor
-        return None if factor is None else cls(factor**2, factor, found.noise_dof, found.alike, found.another)
+        if (factor := found.noise_factor) is None:
+            return None
+        return cls(factor**2, factor, found.noise_dof, found.alike, found.another, found.moved)
 
     def rescaled_log_odds(self, log_odds: float) -> float:
         """Log-odds of the pose if σ was stated as many times too small, of those with the σ given.
@@ -88,12 +92,10 @@ class Misfit(NamedTuple):
         The chance of residuals as large is uniform for the body, and has a Beta distribution towards 0 for anything
         else (compare Sellke, Bayarri and Berger 2001). What is beside points without a match tells of it as well.
         """
-        from scipy.special import fdtrc  # slow to import
-
         beside = 0.0 if self.alike is None else float(np.exp(np.minimum(self.alike, MOST_ALIKE)).mean())
         if not self.dof:
             return 1.0 + beside
-        chance = float(fdtrc(self.dof, FREEDOM_OF_RIG if of_rig else NOISE_FREEDOM, self.sigma**2))
+        chance = float(_tail_of_f()(self.dof, FREEDOM_OF_RIG if of_rig else NOISE_FREEDOM, self.sigma**2))
         return beside + float(SHAPE * max(chance, 1e-300) ** (SHAPE - 1.0))
 
     def log_odds_of_errors(self, log_inexact: Sequence[float]) -> Floats:
@@ -109,6 +111,14 @@ class Misfit(NamedTuple):
         odds = self.log_odds_of_errors(log_inexact)
         which = int(odds.argmax())
         return float(self.alike[which]) if self.alike is not None and odds[which] > 0.0 else 0.0
+
+
+@cache
+def _tail_of_f() -> Callable[..., Any]:
+    """SciPy's complement of the F distribution, which is slow to import; frame after frame asks for it."""
+    from scipy.special import fdtrc
+
+    return fdtrc  # type: ignore[no-any-return]
 
 
 def discount_misfit(

@@ -132,7 +132,7 @@ class _Body(SearchedBody):
         if (self.settled and not self.needs_others) or (self.among < 0 and self.enough):
             return False
         fewer = self.among < 0 or int(self.free.sum()) < self.among
-        torn = float(self.told.probabilities.sum()) >= IN_VIEW and self.pose < DOUBTED
+        torn = self.told.shown >= IN_VIEW and self.pose < DOUBTED
         if torn and not (self.told.used(len(self.free)) * self.free).any():
             return False  # it has one of the places that bodies of its shape were found in
         met = torn and self.found.facts.missed <= TRUST.missed
@@ -193,7 +193,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
         if new and _is_taken(body, bodies):
             # what others explain is weighed against them before its twins are proposed
             told = weigh_candidates([one.candidate for one in bodies])
-            new = float(told[body.number].probabilities.sum()) > math.exp(-NEGLIGIBLE)
+            new = told[body.number].shown > math.exp(-NEGLIGIBLE)
             if not new and choice is not None:  # the next frames look again
                 body.candidate = before
         if new:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.continued_bodies import LIKELY, allow_continuations, continue_body
 from rootmatch.explain.decide import TRUST, Facts, Status
-from rootmatch.explain.finding import Finding, make_unjudged
+from rootmatch.explain.finding import Finding, make_unjudged, mode_pose
 from rootmatch.explain.goodness_of_fit import Misfit, discount_misfit, is_misfit
 from rootmatch.explain.image_hypotheses import NAMED, Candidate
 from rootmatch.explain.in_time import final_deadline
@@ -144,7 +144,7 @@ def image_finding(
             confidence=None,
             log_odds=0.0,
             prior_holds=None,
-            pose=None,
+            is_posed=False,
         )
     first, probability = modes.assignments[k], told.assignment_probability(modes.assignments[k])
     confidence = told.confidence if k == 0 else told.confidence_in(first)
@@ -155,11 +155,12 @@ def image_finding(
     prediction = -1 if told.origins is None else int(told.origins[k])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
     if beside and present >= LIKELY:
-        whole, asked = asked, False
+        whole, asked, alike, another = asked, False, None, -math.inf
         with last.within():
-            fault = fault._replace(alike=alike_log_odds(model, modes, k, of_others))
-            fault = fault._replace(another=something_else_log_odds(model, told, k, of_others))
+            alike = alike_log_odds(model, modes, k, of_others)
+            another = something_else_log_odds(model, told, k, of_others)
             asked = whole
+        fault = fault._replace(alike=alike, another=another)
     # what there was no time to ask may be so
     missed = (missed_as_known if holds else missed) if asked else 1.0
     trusted = told.believe(least, 1.0 if surest is None else surest[1]) if k == 0 and missed <= TRUST.missed else None
@@ -167,7 +168,9 @@ def image_finding(
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
     # otherwise no other pose with as few matches in each image would have been met
     met = sure is not None and is_met_by_search(base.task, model, sure)
-    points = int((first.reshape(-1, base.task.shape[0]) >= 0).any(axis=0).sum())  # a rig sees one several times
+    points = matched
+    if base.task.rig is not None:  # which sees one several times
+        points = int(np.count_nonzero((first.reshape(-1, base.task.shape[0]) >= 0).any(axis=0)))
     of_the_rest = (met or (holds and kept >= LEAST)) and trusted is not None and trusted.known >= KEPT * matched
     facts = Facts(
         present=present,
@@ -201,11 +204,12 @@ def image_finding(
         log_odds=float(modes.log_odds[k]),
         noise_factor=fault.sigma,
         noise_dof=fault.dof,
+        moved=fault.moved,
         alike=fault.alike,
         another=fault.another,
         mode=k,
         prior_holds=holds if believed and isinstance(prior, Doubted) else None,
-        pose=mode_pose(model, modes, k) if believed else None,
+        is_posed=believed,
     )
     if holds and isinstance(prior, Doubted) and prior.placed is not None:
         fault = fault._replace(another=-math.inf)  # frames tell that together
@@ -215,7 +219,7 @@ def image_finding(
 def is_alike_possible(found: Finding, of_others: NDArray[np.bool_] | None) -> bool:
     """Whether something near the points without a match may say that a finding is of something alike."""
     told, model = found.posterior, found.model
-    if told is None or model is None or found.noise_factor is None or not told.probabilities.sum() >= LIKELY:
+    if told is None or model is None or found.noise_factor is None or not told.shown >= LIKELY:
         return False
     k = found.mode
     with final_deadline().within():
@@ -263,17 +267,12 @@ def odds_lead(probability: float | None) -> float:
 def mode_misfit(model: DetectionModel, modes: Modes, k: int) -> Misfit:
     """Misfit of the detections about one of the modes; the deviation from a prediction does not count."""
     freedom = round(float(modes.freedom[k]))
-    squared, _ = residual_statistics(model, modes.assignments[k], modes.rotation[k], modes.position[k])
+    squared, moved = residual_statistics(model, modes.assignments[k], modes.rotation[k], modes.position[k])
     if squared > UNSETTLED * freedom:  # a mode that few steps led to may be far from its best pose
         own = slice(k, k + 1)
         _, at = settle_poses(model, modes.assignments[own], modes.rotation[own], modes.position[own])
         squared, _ = residual_statistics(model, modes.assignments[k], at.rotation[0], at.position[0])
-    return Misfit.of(squared, freedom)
-
-
-def mode_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
-    """The pose of one of the modes, of the points as they were given."""
-    return model.pose_of_origin(modes.rotation[k], modes.position[k], modes.covariance[k])
+    return Misfit.of(squared, freedom, moved)
 
 
 def other_poses(found: Finding) -> list[tuple[Pose, float]]:
@@ -289,5 +288,5 @@ def other_poses(found: Finding) -> list[tuple[Pose, float]]:
     out = []
     for k in likely[1:].tolist():
         pose = mode_pose(found.model, modes, k)
-        out.append((polish_pose(copy_with(found, pose=pose)) or pose, float(chances[k])))
+        out.append((polish_pose(copy_with(found, fitted=pose)) or pose, float(chances[k])))
     return out

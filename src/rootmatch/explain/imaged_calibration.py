@@ -18,8 +18,7 @@ from rootmatch.algebra.rotation import cross_matrix, one_rotation_matrix
 from rootmatch.arrays import Floats
 from rootmatch.cameras.calibration_errors import calibration_jacobian
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_decision import mode_pose
+from rootmatch.explain.finding import Finding, mode_pose
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.model.priors import PRESENT_ODDS, probability

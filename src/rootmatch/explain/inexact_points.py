@@ -14,13 +14,13 @@ from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit, is_misfit
-from rootmatch.explain.image_decision import image_finding, mode_misfit, mode_pose
+from rootmatch.explain.image_decision import image_finding, mode_misfit
 from rootmatch.explain.image_hypotheses import Candidate, propose_predicted
 from rootmatch.explain.in_time import final_deadline
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import residual_statistics, settle_poses
+from rootmatch.model.evidence import settle_poses
 from rootmatch.model.image_alike import (
     ERRORS,
     LOG_ALIKE,
@@ -101,9 +101,7 @@ def _average_error_sizes(again: Finding, task: MatchingTask, exact: DetectionMod
     own = own._replace(rotation=at.rotation, position=at.position, covariance=found.covariance)
     told = copy_with(told, modes=modes.take(slice(k)).and_(own).and_(modes.take(slice(k + 1, None))))
     noisy = copy_with(again.task, points=task.problem.with_source_noise(task.points, error))
-    return copy_with(
-        again, task=noisy, model=model, posterior=told, pose=mode_pose(model, told.modes, k), point_error=error
-    )
+    return copy_with(again, task=noisy, model=model, posterior=told, point_error=error)
 
 
 def alike_error(found: Finding) -> float:
@@ -121,14 +119,11 @@ def error_gains(found: Finding) -> Floats:
     """
     if found.labellings is not None:
         return _set_error_gains(found)
-    model, told, misfit = found.model, found.posterior, Misfit.told_by(found)
-    if model is None or told is None or misfit is None or not misfit.dof:
+    model, misfit = found.model, Misfit.told_by(found)
+    if model is None or misfit is None or not misfit.dof:
         return np.zeros(OWN)
-    modes, k, errors = told.modes, found.mode, ERRORS[:OWN] * model.radius
-    if k >= len(modes.log_odds):
-        return np.zeros(OWN)
-    _, moved = residual_statistics(model, modes.assignments[k], modes.rotation[k], modes.position[k])
-    return residual_log_gains(model.noise_freedom, (misfit.squared, moved), misfit.dof, errors)
+    residuals = misfit.squared, misfit.moved
+    return residual_log_gains(model.noise_freedom, residuals, misfit.dof, ERRORS[:OWN] * model.radius)
 
 
 def _set_error_gains(found: Finding) -> Floats:

@@ -121,7 +121,7 @@ def allow_lacking(told: Posterior, model: DetectionModel, lacking: Lacking, take
 
     The same where none of their places has a detection. ``taken``: (n',) detections of other bodies.
     """
-    if not len(lacking.chance) or not float(told.probabilities.sum()) >= LIKELY:
+    if not len(lacking.chance) or not told.shown >= LIKELY:
         return told
     beside = Beside(model, lacking.places, taken)
     every = [_log_factor(beside, mode, lacking.chance) for mode in beside.each(told)]

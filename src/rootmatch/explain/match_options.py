@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal, Self
 
+from rootmatch.arrays import cache_by_identity
 from rootmatch.backends import selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.errors import InputError, quote_value
@@ -152,7 +153,8 @@ class MatchOptions:
         """Whether groups of one motion each are packed: for several motions, unless a solver is named."""
         return self.motions != 1 and self.solver is None and not self.is_paper
 
-    def affinity(self, problem: Problem, exact: bool = False) -> Affinity:
+    @cache_by_identity(64)
+    def affinity(self, problem: Problem, exact: bool) -> Affinity:
         """The map from a hyper-edge's residual to its weight, for a problem and data with or without noise."""
         residual = self.residual or ("qr" if self.is_paper else "joint")
         in_noise = (residual.kind if isinstance(residual, Residual) else residual) in NOISE_KINDS

@@ -288,7 +288,7 @@ def point_set_finding(
         noise_factor=fault.sigma,
         noise_dof=fault.dof,
         prior_holds=prior_holds,
-        pose=_fuse_prior(model, judged),
+        fitted=_fuse_prior(model, judged),
     )
     # what is left out as unsure may be what does not fit
     whole, in_time = fault, task.noise_is_estimated

@@ -39,16 +39,17 @@ def match_predicted(
     """
     searchable = solve is not None and task.shape[1] >= task.problem.order
     body = Candidate.of(task, [])
-    predicted, found = None, make_empty_finding(task, why_unsearched(task))
+    predicted, found = None, make_empty_finding(task, None)
     with prediction_deadline(task.deadline).within():
         predicted = propose_predicted(body.model)
         body = body.with_assignments([], predicted)
         told = body.alone()
         if choice is not None or not searchable or is_search_needless(body.model, told, task.minimal):
             found = allow_point_errors(image_finding(found, told, body), task)
-            found = copy_with(found, reason=None) if found.prior_holds else found
-            if found.prior_holds and (choice is None or not searchable):
-                return found
+    reason = None if found.prior_holds else found.reason or why_unsearched(task)
+    found = found if found.reason == reason else copy_with(found, reason=reason)
+    if found.prior_holds and (choice is None or not searchable):
+        return found
     part = SearchPart(0) if choice is None else choice(found)
     if solve is None or part is None:
         return found

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rootmatch.algebra.rotation import angle_count, one_rotation_matrix
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Floats, Integers, cache_by_identity
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.prior_validation import NONE
@@ -51,6 +51,7 @@ LEAST = 1
 """Degrees of freedom beyond two that a pose is taken to have at the least, where its noise is estimated."""
 
 
+@cache_by_identity(16)
 def problem_vertical(problem: Problem) -> PosePrior | None:
     """The vertical that a problem has by itself."""
     if not isinstance(problem, UP2P):
@@ -157,8 +158,8 @@ def check_contradiction(found: Finding, told: Pose | PosePrior | None) -> Findin
 
 def finding_poses(found: Finding) -> list[Pose | None]:
     """The most likely pose of each motion of a finding: polished from that of its model if there is one."""
-    matched = np.count_nonzero(found.assignment >= 0)
-    found = copy_with(found, pose=found.pose or _weighed_pose(found))
+    matched = found.matched_count
+    found = copy_with(found, fitted=found.pose or _weighed_pose(found))
     if found.pose is not None and (found.prior_holds or matched >= found.task.problem.least_for_pose):
         pose = polish_pose(found)
         return [None if pose is None else inflate_estimated_noise(found.task, pose)]

@@ -13,6 +13,7 @@ from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels
 from rootmatch.explain.validation import check_problem
 from rootmatch.problems.base import Problem
+from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.up2p import UP2P
@@ -51,6 +52,7 @@ NONE = Rivals()
 
 def check_predicted(prior: object, labels: BodyLabels | None, problem: Problem) -> None:
     """Refuse anything but one prior or, with several bodies, priors of some of them by label."""
+    Capability.PRIOR.require(problem.takes_prior or problem.takes_motion_prior, problem.name)
     if labels is None and isinstance(prior, Mapping):
         told = ", ".join(map(repr, prior))
         raise InputError(f"prior: a dict for {told} given without bodies=; give the pose itself, or bodies=")
@@ -106,8 +108,7 @@ def check_followed(problem: Problem, source: ArrayLike) -> None:
 
 def prior_attributes(prior: object) -> dict[str, Any]:
     """The attributes of a task that hold a prior, or those of several bodies by label."""
-    return {
-        "prior_pose": prior if isinstance(prior, Pose) else None,
-        "known": prior if isinstance(prior, PosePrior) else None,
-        "priors": dict(prior) if isinstance(prior, Mapping) else {},
-    }
+    if isinstance(prior, Pose):
+        return {"prior_pose": prior, "known": None, "priors": {}}
+    known = prior if isinstance(prior, PosePrior) else None
+    return {"prior_pose": None, "known": known, "priors": dict(prior) if isinstance(prior, Mapping) else {}}

@@ -122,15 +122,16 @@ class MatchingTask:
     ) -> Self:
         """The task of arguments as `rootmatch.match` takes them; ``bodies`` may be checked already.
 
-        ``told``: the deadline, and what else a tracker knows, by the names of the attributes.
+        ``told``: the deadline, and what else a tracker knows, by the names of the attributes. A source that is checked
+        already is that of a matcher, which has checked its problem and the priors of its frames as well.
         Raises `InputError` if the input cannot be used; the text says what to do.
         """
-        check_problem(problem)
+        if not isinstance(source, CheckedSource):
+            check_problem(problem)
+            problem = problem.for_points(source)
         options = options or MatchOptions()
         if problem.rig is not None:
             options.check_rig()
-        if prior is not None:
-            Capability.PRIOR.require(problem.takes_prior or problem.takes_motion_prior, problem.name)
         if options.resolution is not None:
             has_pixels = hasattr(problem, "camera") and not problem.noise_is_angular
             Capability.RESOLUTION.require(problem.takes_prior and has_pixels, problem.name)
@@ -142,8 +143,6 @@ class MatchingTask:
             noise = 0.0  # until it is estimated
         else:
             check_not_exact(noise := join_camera_noise(problem.rig, noise, target))
-        if not isinstance(source, CheckedSource):
-            problem = problem.for_points(source)
         least = 1 if prior is not None and problem.takes_prior else None
         points = problem.validated(
             source, target, noise, normals, view_angle,
@@ -152,10 +151,10 @@ class MatchingTask:
         points, of_calibration = allow_for_calibration(problem, points)
         pixel = problem.noise_pixels(points.source, points.target)[1]
         exact = EXACT_RADIANS if problem.noise_is_angular else EXACT * pixel
-        weigh = options.affinity(problem, exact=not estimates and bool(points.target_noise.max() <= exact))
+        weigh = options.affinity(problem, not estimates and bool(points.target_noise.max() <= exact))
         allowed, weights = split_candidates(candidates, *points.shape)
         labels = bodies if isinstance(bodies, BodyLabels | None) else check_bodies(bodies, points.source, problem.order)
-        if prior is not None:
+        if prior is not None and not isinstance(source, CheckedSource):
             check_predicted(prior, labels, problem)
         if labels is not None and (options.motions != 1 or estimates):
             raise InputError(

@@ -72,8 +72,9 @@ def _find_unseen(task: MatchingTask) -> Bools | None:
     if not edges:
         return None
     pixels, of = task.points.target[:, :2], rows[task.camera_of]
-    outer = (((pixels - of[:, :2]) / of[:, 2:4]) ** 2).sum(axis=1) > of[:, 4]
-    if not outer.any():
+    off = (pixels - of[:, :2]) / of[:, 2:4]
+    outer = np.einsum("ij,ij->i", off, off) > of[:, 4]
+    if not np.count_nonzero(outer):
         return None
     unseen = np.zeros(len(outer), np.bool_)
     for k, camera in edges.items():

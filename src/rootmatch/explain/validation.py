@@ -167,7 +167,7 @@ def allow_for_calibration(problem: Problem, points: PointSets) -> tuple[PointSet
 
     Raises `InputError` if the problem takes no account of such errors.
     """
-    if not any(getattr(getattr(problem, name, None), "is_uncertain", False) for name in ("camera", "camera2")):
+    if not problem.is_uncertain:
         return points, None
     if not problem.takes_prior:
         told = "leave focal_noise and centre_noise out; only P3P and UP2P allow for them"

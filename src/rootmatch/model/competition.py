@@ -77,11 +77,14 @@ def joint_posterior(
     alike_to: Sequence[Copies | None] = [None] * len(models) if copies is None else copies
     modes = of_each(lambda k: _sort_by_gains(models[k], every[k], alike_to[k])) if has_gains else every
     best = of_each(lambda k: modes[k].uses(count)[:KEPT])
-    parts = of_each(lambda k: _add_partial_modes(models[k], modes[k], k, best))
-    uses = of_each(lambda k: best[k] if len(best[k]) == len(parts[k].log_odds) else parts[k].uses(count))
-    masses = of_each(lambda k: parts[k].log_mass + PRESENT_ODDS)
-    origins = of_each(lambda k: _prediction_indices(models[k], parts[k]))
-    as_copies = of_each(lambda k: _copy_log_odds(models[k], parts[k], uses[k], origins[k]))
+
+    def choices(k: int) -> tuple[Modes, Bools, Floats, Integers | None, Floats | None]:
+        own = _add_partial_modes(models[k], modes[k], k, best)
+        used = best[k] if len(best[k]) == len(own.log_odds) else own.uses(count)
+        of = _prediction_indices(models[k], own)
+        return own, used, own.log_mass + PRESENT_ODDS, of, _copy_log_odds(models[k], own, used, of)
+
+    parts, uses, masses, origins, as_copies = map(list, zip(*of_each(choices), strict=True))
     named = [(k, mass) for k, mass in enumerate(as_copies) if mass is not None]
 
     def add(gains: Sequence[Floats | float]) -> None:
@@ -89,9 +92,10 @@ def joint_posterior(
         named[:] = [(k, mass + gains[k]) for k, mass in named]
 
     def weighed(named: Sequence[tuple[int, Floats]]) -> list[Floats]:
+        of, of_copies = [k for k, _ in named], [mass for _, mass in named]
         return joint_marginals(
-            [*uses, *(uses[k] for k, _ in named)], [*masses, *(mass for _, mass in named)], models[0].log_odds_of_left,
-            images=models[0].image_indices, given=[*(-1 for _ in parts), *(k for k, _ in named)], same=same,
+            [*uses, *[uses[k] for k in of]], [*masses, *of_copies], models[0].log_odds_of_left,
+            images=models[0].image_indices, given=[-1] * len(parts) + of, same=same,
         )  # fmt: skip
 
     if copies is not None:
@@ -123,8 +127,9 @@ def joint_posterior(
     def told(k: int) -> Posterior:
         each, of = (1.0 - WRONG_MODEL) * shares[k], origins[k]
         copy = min(of_copy[k], float(each[-1])) if k in of_copy else 0.0
-        mine, chances, order = parts[k], each[:-1], (-each[:-1]).argsort(kind="stable")
-        if not (order[1:] > order[:-1]).all():  # they are in order nearly always
+        mine, chances = parts[k], each[:-1]
+        if np.count_nonzero(chances[1:] > chances[:-1]):  # they are in order nearly always
+            order = (-chances).argsort(kind="stable")
             mine, chances, of = mine.take(order), chances[order], None if of is None else of[order]
         return Posterior(mine, chances, float(each[-1]), origins=of, copy=copy, copies=leaders.count(leaders[k]))
 

@@ -154,10 +154,8 @@ class DetectionModel:
         ``points`` at least.
         """
         used = assignment >= 0
-        if not used.any():
-            return False
         counts = np.bincount(self.image_indices[assignment[used]])
-        most = int(counts.max())
+        most = int(counts.max(initial=0))
         if most != minimal or len(self.images) < 2:
             return most > minimal
         if self.normals is None:

@@ -93,7 +93,7 @@ class Exchanged(Mixed):
 
 def own_prior(prior: PoseDensity) -> PoseDensity:
     """What a prior knows of the body itself, but for the places of others."""
-    return prior.known if isinstance(prior, Exchanged) else prior
+    return prior.known if type(prior) is Exchanged else prior
 
 
 def add_family_places(model: DetectionModel, others: Sequence[tuple[Places, PoseDensity]]) -> DetectionModel:
@@ -115,6 +115,6 @@ def add_family_places(model: DetectionModel, others: Sequence[tuple[Places, Pose
 
 def mark_exchanged(model: DetectionModel, told: Posterior) -> Posterior:
     """A posterior by `add_family_places` that tells which modes are where another body was expected."""
-    if not isinstance(model.prior, Exchanged):
+    if type(model.prior) is not Exchanged:
         return told
     return copy_with(told, exchanged=model.prior.is_in_other_place(told.modes.rotation, told.modes.position))

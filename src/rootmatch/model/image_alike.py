@@ -57,8 +57,8 @@ def alike_log_odds(model: DetectionModel, modes: Modes, k: int, taken: Bools | N
         nothing is near a visible point that has no match, and what several cameras see of one fits.
     """
     assignment, images = modes.assignments[k], max(len(model.images), 1)
-    missed = bool(((assignment < 0) & (modes.visible[k] > HIDDEN)).any())
-    shared = bool(((assignment >= 0).reshape(images, -1).sum(axis=0) > 1).any())
+    missed = np.count_nonzero((assignment < 0) & (modes.visible[k] > HIDDEN)) > 0
+    shared = images > 1 and bool(((assignment >= 0).reshape(images, -1).sum(axis=0) > 1).any())
     if not missed and not shared:
         return None
     errors = ERRORS * model.radius

@@ -86,7 +86,7 @@ def find_modes(
         grows as well.
     """
     told = (proposals.assignments >= 0).sum(axis=1) >= model.prior.least
-    proposals = proposals if told.all() else proposals.take(told)
+    proposals = proposals if np.count_nonzero(told) == len(told) else proposals.take(told)
     if not (wanted := len(proposals.assignments)):
         return empty_modes(model.shape[0]) if known is None else known
     kept = before = [] if known is None else _Mode.every(known)

@@ -11,6 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -284,9 +285,12 @@ class Doubted(Mixed):
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
         log_doubt, every = math.log(self.doubt), list[Knowledge]()
-        predicted = list(zip(self.predictions, self.log_shares, strict=True))
-        normal = [(one, share) for one, share in predicted if isinstance(one, Gaussian)]
-        others = [(one, share) for one, share in predicted if not isinstance(one, Gaussian)]
+        normal, others = list[tuple[Gaussian, float]](), list[tuple[Mixed, float]]()
+        for one, share in zip(self.predictions, self.log_shares, strict=True):
+            if isinstance(one, Gaussian):
+                normal.append((one, share))
+            else:
+                others.append((one, share))
         for one, share in [*others, (self.without, log_doubt)]:
             rotations, directions, places, peaks = one.for_kernels[2]
             if len(peaks):
@@ -296,6 +300,7 @@ class Doubted(Mixed):
         return pack_predictions(normal, radius), broad, _concatenate_knowledge(every) if every else NO_KNOWLEDGE
 
 
+@lru_cache(maxsize=16)
 def _log_mass(freedom: float) -> float:
     """Logarithm of the integral of e^(−d²/2) over six parameters with the tails of `Gaussian`, over that without."""
     if math.isinf(freedom):

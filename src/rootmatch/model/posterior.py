@@ -70,6 +70,11 @@ class Posterior:
         """Probability (n,) that each point has no detection, if the image shows no mode."""
         return 1.0 if self.few is None else self.few.undetected_probability()
 
+    @once
+    def shown(self) -> float:
+        """Probability that the image shows one of the modes."""
+        return float(self.probabilities.sum())
+
     def assignment_probability(self, assignment: Integers) -> float:
         """Probability of an assignment (n,), summed over the poses that have it."""
         same = (self.modes.assignments == assignment).all(axis=1)
@@ -89,7 +94,7 @@ class Posterior:
 
     def present(self, mode: int = 0) -> float:
         """Probability that the body is in view, or that one of its copies is where one of its modes has it."""
-        own = float(self.probabilities.sum())
+        own = self.shown
         if self.copies == 1 or not len(self.probabilities):
             return own
         matched = self.modes.assignments[mode][self.modes.assignments[mode] >= 0]
@@ -115,7 +120,7 @@ class Posterior:
         top = max(float(more.max(initial=0.0)), log_other)
         weights = self.probabilities * np.exp(more - top)
         clutter = self.clutter * math.exp(-top) + math.exp(log_other - top)
-        whole = (float(self.probabilities.sum()) + self.clutter) / (float(weights.sum()) + clutter)
+        whole = (self.shown + self.clutter) / (float(weights.sum()) + clutter)
         order = np.argsort(-weights, kind="stable")
         exchanged = None if self.exchanged is None else self.exchanged[order]
         origins = None if self.origins is None else self.origins[order]

@@ -126,7 +126,7 @@ def _settle_about(model: DetectionModel, prediction: Gaussian, *, narrowing: boo
     pose, covariance = (prediction.rotation[None], prediction.position[None]), prediction.bounded_covariance
     most = MOST_PAIRS * max(len(model.images), 1)
     known: dict[bytes, Settled] = {}
-    start, torn = None, list[tuple[Looked, Floats]]()
+    start, near, torn = None, 0, list[tuple[Looked, Floats]]()
     for _ in range(NARROWER):
         looked = look_about(model, pose, covariance, rounds=ROUNDS, most=most)
         if not (count := np.count_nonzero(looked.candidates)):
@@ -138,6 +138,7 @@ def _settle_about(model: DetectionModel, prediction: Gaussian, *, narrowing: boo
                 if not torn:
                     raise
                 break
+            near = near if torn else int(count)
             torn.append((looked, covariance))
             if start is not None and start.log_odds > 0.0:
                 break
@@ -146,7 +147,7 @@ def _settle_about(model: DetectionModel, prediction: Gaussian, *, narrowing: boo
         covariance = 0.25 * covariance
     if not torn:
         return [], False
-    fits = start is not None and start.is_convincing(int(np.count_nonzero(torn[0][0].candidates)))
+    fits = start is not None and start.is_convincing(near)
     if narrowing and not fits:
         with suppress(OutOfTime):  # what is known by then is handed on
             for looked, covariance in (torn[0], *torn[1:][-1:]):  # the widest and the narrowest
@@ -228,7 +229,8 @@ def look_about(
         visible = model.visibility(at, np.array([_direction_sigma(covariance)]))[0]
         gate((*_image_arguments(model, at), visible), np.array(covariance), model.gating_image, limits, gated)
         return Looked(at, visible, gated[0], settled=[], last=gated[2], about=at)
-    at = image_room(n, model.normals is not None, *(one.repeat(rounds + 1, axis=0) for one in pose))
+    rotation, position = pose[0].repeat(rounds + 1, axis=0), pose[1].repeat(rounds + 1, axis=0)
+    at = image_room(n, model.normals is not None, rotation, position)
     found, rows = evidence_buffers(rounds, n), np.empty((rounds, n), np.int64)
     candidates, visible = np.empty(shape, np.bool_), np.empty(n)
     count = follow_gates(

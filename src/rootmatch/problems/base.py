@@ -226,6 +226,11 @@ class Problem(ABC):
         return camera if isinstance(camera, Rig) else None
 
     @once
+    def is_uncertain(self) -> bool:
+        """Whether the calibration of a camera is stated not to be exact."""
+        return any(getattr(getattr(self, name, None), "is_uncertain", False) for name in ("camera", "camera2"))
+
+    @once
     def noise_is_angular(self) -> bool:
         """Whether the noise is in radians: detections are unit rays."""
         return isinstance(self.sensor, UnitRays)

@@ -54,7 +54,7 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int, disti
     same = find_repeated(array) if distinct else None
     if same is not None:
         raise InputError(f"{name}: points {same[0]} and {same[1]} are the same; remove repeated points")
-    if len(array) > 1 and float((array.max(axis=0) - array.min(axis=0)).max()) < LEAST:
+    if len(array) > 1 and float(np.abs(array - array[0]).max()) < LEAST:
         same = find_repeated(array)
         fault = f"lie within {LEAST:g}; choose another unit" if same is None else "are the same; give distinct points"
         raise InputError(f"{name}: all points {fault}")

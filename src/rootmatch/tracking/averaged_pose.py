@@ -75,9 +75,10 @@ def _average_over_changes(modes: Modes, k: int) -> tuple[Floats, Floats, Floats]
     R, position, covariance = modes.rotation[k], modes.position[k], modes.covariance[k]
     _, values, steps = modes.near[k]
     weight = np.exp(np.minimum(values - modes.log_odds[k], 0.0))
-    weight /= 1.0 + weight.sum()
-    if float(weight.sum()) < WRONG_MODEL:
+    whole = 1.0 + float(weight.sum())
+    if 1.0 - 1.0 / whole < WRONG_MODEL:
         return R, position, covariance
+    weight /= whole
     mean = weight @ steps
     spread = (weight[:, None] * steps).T @ steps - np.outer(mean, mean)
     return one_rotation_matrix(mean[:3]) @ R, position + mean[3:], covariance + spread

@@ -19,7 +19,7 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import mode_misfit
-from rootmatch.explain.prior_validation import DOUBT, Rivals
+from rootmatch.explain.prior_validation import DOUBT
 from rootmatch.explain.rig_triples import is_met_by_search
 from rootmatch.frozen import copy_with
 from rootmatch.model.modes import Modes
@@ -103,8 +103,10 @@ class Belief:
 
     def presence_after_return(self, time: float) -> float:
         """See `log_returned`; 0 if the body was seen in the last frame, or the caller says where it is now."""
-        unseen = self.poses and all(one.filter.time < self.time < time for one in self.poses)
-        return log_returned(time - self.time) if unseen else 0.0
+        for one in self.poses:
+            if not one.filter.time < self.time < time:
+                return 0.0
+        return log_returned(time - self.time) if self.poses else 0.0
 
     @property
     def unfollowed(self) -> float:
@@ -126,14 +128,10 @@ class Belief:
         weight = np.exp(weight - weight.max(initial=-math.inf))
         return np.asarray(weight / weight.sum())
 
-    def predicted(self, time: float, doubt: float, lit: Floats | None = None) -> tuple[Pose, Rivals]:
-        """The most probable pose at a time, and the others with their probabilities.
-
-        ``doubt``: that none is right; ``lit`` (n,): that each point is lit, if that is known.
-        """
+    def predicted(self, time: float) -> tuple[Pose, tuple[tuple[Pose, float], ...]]:
+        """The most probable pose at a time, and the others with their probabilities."""
         poses = [one.filter.predicted(time) for one in self.poses]
-        others = tuple(zip(poses[1:], self.shares[1:].tolist(), strict=True)) if len(poses) > 1 else ()
-        return poses[0], Rivals(others, doubt, tuple(one.place for one in self.poses), lit)
+        return poses[0], tuple(zip(poses[1:], self.shares[1:].tolist(), strict=True)) if len(poses) > 1 else ()
 
     def forget_before(self, time: float) -> None:
         """Give up the hypotheses that no frame has confirmed since a time."""
@@ -208,10 +206,12 @@ class Belief:
             self.time = time  # it does not show what is followed
         if told is None or model is None or not len(told.probabilities):
             return False
-        doubt, shares, origin = 1.0, self.shares, np.full(min(len(told.probabilities), LOOKED_AT), -1)
+        shares = self.shares
         if self.poses and isinstance(model.prior, Doubted):
             assert told.origins is not None
             origin, doubt = told.origins[:LOOKED_AT], model.prior.doubt
+        else:
+            origin, doubt = np.full(min(len(told.probabilities), LOOKED_AT), -1), 1.0
         log_shares = log_chance(np.concatenate([shares * (1.0 - doubt), [doubt]]))  # the last is that of a new one
         back = self.presence_after_return(time)
         nothing = math.log(max(clutter_after(told, back), 1e-300)) - back
@@ -225,8 +225,9 @@ class Belief:
         )
         go_on = weighed.steps(found, model, nothing, log_shares)
         own = (log_chance(shares) if doubt == 1.0 else log_shares[:-1] - math.log1p(-doubt)).tolist()
-        stay = [self._keep_unmatched(k, often * nothing, go_on, own) for k in range(len(self.poses))]
-        stay = [one for one in stay if one.origin not in {step.origin for step in go_on}]
+        going = {step.origin for step in go_on}
+        left = [k for k in range(len(self.poses)) if k not in going]
+        stay = [self._keep_unmatched(k, often * nothing, go_on, own) for k in left]
         self._follow(found, weighed, sorted([*stay, *go_on], key=lambda one: -one.total), time)
         return weighed.others
 
@@ -246,9 +247,9 @@ class Belief:
         every = share_misfit_odds(every, new)
         known, unfollowed = bool(self.poses), {one.place: one.unfollowed for one in self.poses}
         self.poses = pool_place_weights([one for one in every if one.log_other < GIVEN_UP])
-        share = np.exp([step.total - after[0].total for step in after])
-        kept = np.array([step in likely for step in after], np.bool_)
-        left = float(share[~kept].sum() / max(share.sum(), 1.0) + told.probabilities[len(origin) :].sum())
+        share = np.exp([step.total - after[0].total for step in after]).tolist()
+        left = sum([one for one, step in zip(share, after, strict=True) if step not in likely]) / max(sum(share), 1.0)
+        left += float(told.probabilities[len(origin) :].sum())
         if origin[0] < 0 and found.facts.missed > EXISTS and is_met_by_search(found.task, model, modes.assignments[0]):
             left = max(left, found.facts.missed)  # of what looks like itself, and does so in the next frame too
         for lead in after[:1]:

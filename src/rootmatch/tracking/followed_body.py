@@ -157,11 +157,12 @@ class FollowedBody:
         unseen = (time - self.belief.best.time) / self.options.interval
         moved = DOUBT if unseen <= 1.0 else 1.0 - (1.0 - DOUBT) ** unseen
         doubt = min(max(moved, 1.0 - self.dark.holds), 1.0 - WRONG_MODEL)
-        pose, rivals = self.belief.predicted(time, doubt, self.dark.at(time))
+        pose, others = self.belief.predicted(time)
         narrowed = None
         if frame is not None and self.missed:
             narrowed = self.narrowed.of_frame(frame, len(self.belief.poses), searching=bool(self.waiting))
-        return pose, rivals._replace(placed=self.dark.placed, narrowed=narrowed)
+        places = tuple([one.place for one in self.belief.poses])
+        return pose, Rivals(others, doubt, places, self.dark.at(time), self.dark.placed, narrowed)
 
     def keep_best(self, time: float) -> None:
         """The caller says where the body is: nothing beside it is taken for its points."""
@@ -288,7 +289,8 @@ class FollowedBody:
         """
         if self.belief:
             self.dark.take(found, time, self.belief.presence_after_return(time))
-            found = copy_with(found, another=min(found.another, self.dark.more))
+            if self.dark.more < found.another:
+                found = copy_with(found, another=self.dark.more)
         self.belief.take(found, time, searched)
         in_space = found.task.problem.takes_motion_prior
         if found.status is Status.MATCHED or self.belief:
@@ -308,7 +310,7 @@ class FollowedBody:
                 self._lose(1.0 - (found.facts.present or 0.0) if searched else self.belief.absent)
             return
         self.belief.leave_before(time - self.options.coasting)
-        self.missed, self.detections, self.own = 0, found.task.shape[1], int((found.assignment >= 0).sum())
+        self.missed, self.detections, self.own = 0, found.task.shape[1], found.matched_count
         least = found.facts.min_probability
         if self.belief and 1.0 - self.belief.unfollowed < least and frame - self.searched >= self.options.search_every:
             self._lose(absent=0.0)  # what is not followed can only be found anew
@@ -319,7 +321,7 @@ class FollowedBody:
 
 def _unused_count(found: Finding) -> int:
     """Number of detections that a finding does not explain."""
-    return found.task.shape[1] - int((found.assignment >= 0).sum())
+    return found.task.shape[1] - found.matched_count
 
 
 def _is_met(found: Finding) -> bool:

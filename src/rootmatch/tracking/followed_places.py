@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -28,7 +28,8 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.explain.finding import Finding
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import weigh_assignments
+from rootmatch.model.evidence import weigh_poses
+from rootmatch.model.image_alike import cache_answer
 from rootmatch.model.modes import Modes, is_same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
@@ -41,6 +42,7 @@ RETURN = 1.0
 """Seconds within which a body that was not in view may be so as probably as any. A round value: of ten tools of five
 markers, three of them in view among four strays, 7 of 186 trusted matches of one flight were of absent ones without it,
 in six flights with it none of 1,080."""
+EVERY = slice(None)
 LOOKED_AT = 8
 """Largest number of modes of a frame that are considered. A round value."""
 
@@ -142,18 +144,25 @@ def assign_places(uses: Bools, origin: Integers, followed: Sequence[int]) -> Int
     return out
 
 
-def sole_odds(model: DetectionModel, modes: Modes) -> Floats:
-    """Log-odds (M,) of modes against clutter, without a prediction."""
+def sole_odds(model: DetectionModel, modes: Modes, which: slice = EVERY) -> Floats:
+    """Log-odds (M,) of modes against clutter, without a prediction; ``which``: of them."""
     if not isinstance(model.prior, Doubted):
-        return modes.log_mass
-    at = model.linearise_about(modes.rotation, modes.position)
-    anywhere = weigh_assignments(model, modes.assignments, at, model.prior.without).log_odds
-    return np.asarray(modes.log_mass - modes.log_odds + anywhere)
+        return modes.log_mass[which]
+    # a frame asks as it is weighed, and as it is learned from
+    anywhere = cache_answer(_weigh_anywhere, model, tuple([one[which] for one in modes[:3]]))
+    return np.asarray(modes.log_mass[which] - modes.log_odds[which] + anywhere)
+
+
+def _weigh_anywhere(model: DetectionModel, mode: tuple[Any, ...]) -> Floats:
+    """Log-odds (M,) of assignments with poses, without a prediction."""
+    assert isinstance(model.prior, Doubted)
+    assignments, rotation, position = mode
+    return weigh_poses(model, assignments, rotation, position, model.prior.without)[0].log_odds
 
 
 def sole_odds_of(model: DetectionModel, modes: Modes, k: int) -> float:
-    """The same of one of the modes."""
-    return float(sole_odds(model, modes.take(slice(k, k + 1)))[0])
+    """`sole_odds` of one of the modes."""
+    return float(sole_odds(model, modes, slice(k, k + 1))[0])
 
 
 def log_weight(alone: float, log_other: float = -math.inf) -> float:

@@ -107,7 +107,7 @@ def doubtful_probability(found: Finding, doubtful: Integers, lit: Floats) -> Flo
     Summed are all of them, all but one, one beside the sure matches, and these alone. Where only as many match as
     determine a pose, nothing tells of any: 0. ``lit``: (n,) probability of light, as far as the image does not tell.
     """
-    (told, model), count = found.judged, int(np.count_nonzero(found.assignment >= 0))
+    (told, model), count = found.judged, found.matched_count
     if count <= DETERMINE:
         return np.zeros(len(doubtful))
     right, modes, k = _right_patterns(len(doubtful)), told.modes, slice(found.mode, found.mode + 1)
@@ -142,7 +142,7 @@ def _right_patterns(count: int) -> Bools:
 def rates(found: Finding) -> Floats:
     """Probability (n,) that each point is detected if it is lit, in the pose of a finding."""
     assert found.posterior is not None
-    visible = np.asarray(found.posterior.modes.visible[found.mode])
+    visible: Floats = found.posterior.modes.visible[found.mode]
     return (found.task.options.detection_rate or USUAL_RATE) * visible
 
 

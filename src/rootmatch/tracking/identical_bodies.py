@@ -20,8 +20,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.body_labels import SAME_SHAPE, BodyLabels, Label, twin_points
-from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_decision import mode_pose
+from rootmatch.explain.finding import Finding, mode_pose
 from rootmatch.explain.likeness import align_points, likenesses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import body_radius

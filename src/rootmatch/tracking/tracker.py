@@ -224,10 +224,10 @@ max_evaluations
         """
         started = perf_counter()
         deadline = Deadline(self.matcher.options.max_seconds if max_seconds is None else max_seconds, started=started)
+        given = dict[Label | None, Prior]()
         if prior is not None:
             check_predicted(prior, self.labels, self.matcher.problem)
-        told = prior.items() if isinstance(prior, Mapping) else {None: prior}.items() if prior else ()
-        given: dict[Label | None, Prior] = dict(told)
+            given.update(prior.items() if isinstance(prior, Mapping) else {None: prior}.items())
         with self._turns:
             when, before = self._time(time), self.time
             if before is not None and when <= before:

@@ -21,7 +21,7 @@ from rootmatch.tracking.followed_places import (
     log_chance,
     log_return,
     relative_log_weights,
-    sole_odds,
+    sole_odds_of,
     sort_into_places,
 )
 from rootmatch.tracking.followed_pose import FollowedPose, Step, temper
@@ -106,7 +106,7 @@ def weigh_modes(
     count = int(np.count_nonzero(modes.assignments[0] >= 0))
     places = place.tolist()
     if count > most and len(set(places)) == 1:
-        most, alone[:] = count, max(alone[0], sole_odds(model, modes.take(slice(1)))[0])
+        most, alone[:] = count, max(alone[0], sole_odds_of(model, modes, 0))
     each = log_chance(told.probabilities[: len(origin)])
     followed, others = {one.place for one in poses}, False
     weight = log_shares[origin] + temper(each - log_shares[origin] - shown, origin, often) + more
