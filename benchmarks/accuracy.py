@@ -78,8 +78,8 @@ def adjusted_rand(first: Integers, second: Integers) -> float:
 
     together, rows, columns = pairs(table), pairs(table.sum(axis=1)), pairs(table.sum(axis=0))
     expected = rows * columns / math.comb(len(first), 2)
-    most = 0.5 * (rows + columns)
-    return 1.0 if most == expected else (together - expected) / (most - expected)
+    maximum = 0.5 * (rows + columns)
+    return 1.0 if maximum == expected else (together - expected) / (maximum - expected)
 
 
 def own_accuracy(instance: Instance) -> float:
@@ -178,10 +178,10 @@ def print_row(case: Case, outcomes: list[Outcome]) -> None:
     }
     times = np.array([one.seconds for one in outcomes])
     goals, missed = [], False
-    for name, least in case.reach.items():
-        value, least = (mean["accuracy"], mean["own"] - least) if name == "own" else (mean[name], least)
-        goals.append(f"{'accuracy' if name == 'own' else name} {least:.3f}")
-        missed |= value < least - 1e-9
+    for name, minimum in case.reach.items():
+        value, minimum = (mean["accuracy"], mean["own"] - minimum) if name == "own" else (mean[name], minimum)
+        goals.append(f"{'accuracy' if name == 'own' else name} {minimum:.3f}")
+        missed |= value < minimum - 1e-9
 
     def number(value: float, digits: int) -> str:
         return "–" if math.isnan(value) else f"{value:.{digits}f}"

@@ -64,12 +64,12 @@ def simulated() -> list[Case]:
     reach = {(10, 0, 1.0): (0.995, 1.0), (10, 10, 1.0): (0.99, 0.995), (10, 10, 2.0): (0.98, 0.99),
              (20, 20, 1.0): (0.99, 0.995)}  # fmt: skip
     for (n, clutter, sigma), wanted in reach.items():
-        for make, least in zip((p3p_scene, up2p_scene), wanted, strict=True):
+        for make, minimum in zip((p3p_scene, up2p_scene), wanted, strict=True):
             cases.append(
                 Case(
                     "noise and clutter", f"{make.__name__[:-6]} {n} + {clutter}, σ {sigma:g}",
                     lambda seed, make=make, n=n, k=clutter, s=sigma: of_scene(make(n, k, s, seed)),
-                    {"accuracy": least},
+                    {"accuracy": minimum},
                 )
             )  # fmt: skip
     for baseline, clutter, below in ((1.0, 0, 0.01), (1.0, 10, 0.02), (5.0, 0, 0.04), (5.0, 10, 0.06)):
@@ -89,13 +89,13 @@ def simulated() -> list[Case]:
                 {"accuracy": 0.97, "precision": 0.98},
             )
         )  # fmt: skip
-    for count, least in ((2, 0.99), (4, 0.98), (8, 0.97)):
+    for count, minimum in ((2, 0.99), (4, 0.98), (8, 0.97)):
         for asked in (count, "auto"):
             cases.append(
                 Case(
                     "motions", f'up2p {count} × 5, σ 1, motions={asked}',
                     lambda seed, k=count, asked=asked: of_scene(up2p_scene(5 * k, 0, 1.0, seed, k), motions=asked),
-                    {"accuracy": least, "rand": 0.95}, scenes=20 if count == 8 else 100,
+                    {"accuracy": minimum, "rand": 0.95}, scenes=20 if count == 8 else 100,
                     yardstick="joint" if asked == "auto" else "none",
                 )
             )  # fmt: skip

@@ -31,7 +31,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 import rootmatch as rm
 from rig_scenes import controller
 
-LEAST_VISIBLE = 7
+MIN_VISIBLE = 7
 VIEW = 70.0
 NOISE = 0.5
 LABELS = ("headset", "left", "right")
@@ -149,11 +149,11 @@ def main() -> None:
                     for one in found
                 )
                 print(f"  {seed}: {seconds:.2f} s; {each}", flush=True)
-        shown = [one for one in every if one.visible >= LEAST_VISIBLE]
+        shown = [one for one in every if one.visible >= MIN_VISIBLE]
         matched = [one for one in every if one.status == "matched"]
         print(
             f"{clutter} clutter, {given.seeds} images: right {sum(one.right for one in shown)} of {len(shown)} bodies "
-            f"with {LEAST_VISIBLE} visible or more, listed {sum(one.listed for one in shown)}; "
+            f"with {MIN_VISIBLE} visible or more, listed {sum(one.listed for one in shown)}; "
             f"matched and wrong {sum(one.wrong > 0 for one in matched)} of "
             f"{len(matched)}; seconds an image: median {np.median(times):.3f}, 95 % {np.quantile(times, 0.95):.2f}, "
             f"worst {max(times):.2f}",

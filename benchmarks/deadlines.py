@@ -55,7 +55,7 @@ COMPILING = 6
 """Times that a match which compiles is run again, beyond that."""
 LIMITS = (0.05, 0.1, 0.3, 1.0)
 """Seconds allowed."""
-MOST_POINTS = 3000
+MAX_POINTS = 3000
 SAMPLER, GUIDED = "sampler", {"sampler": "guided"}
 CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
 NOISE = 0.5
@@ -218,7 +218,7 @@ def task(number: int) -> tuple[str, tuple[int, int], float, dict[str, Any]]:
     """What is done, points, seconds allowed, and the arguments of `rootmatch.match`."""
     rng = np.random.default_rng([SEED, number])
     name, feature = COMBINATIONS[number % len(COMBINATIONS)]
-    n, n_target = np.exp(rng.uniform(np.log(6.0), np.log(MOST_POINTS), 2)).round().astype(int).tolist()
+    n, n_target = np.exp(rng.uniform(np.log(6.0), np.log(MAX_POINTS), 2)).round().astype(int).tolist()
     seconds = float(rng.choice(LIMITS))
     made = scene(rng, name, n, n_target)
     arguments = {key: made[key] for key in ("source", "target", "problem", "noise")}

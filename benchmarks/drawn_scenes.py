@@ -24,16 +24,16 @@ NEAREST, FARTHEST = 2.0, 200.0
 """Distances of a drawn body, over its root mean square radius: a factor of 100."""
 VIEW, SLOPE, EDGE = np.radians(70.0), 1.702, 0.03
 """View angle, and the logistic curve of its edge in cosines."""
-MOST = 16
+MAXIMUM = 16
 """Largest number of clutter points that are drawn; scenes with more detections in an image are left out, as the model
 allows for more of them."""
 PRESENT, HIDDEN = 0.8, 0.05
 KINDS = "P3P", "P3P normals", "UP2P", "UP2P normals", "bodies", "bodies normals", "rig", "rig normals"
 
 
-def body(rng: np.random.Generator, least: int = 4) -> tuple[Floats, Floats]:
+def body(rng: np.random.Generator, minimum: int = 4) -> tuple[Floats, Floats]:
     """Points (n, 3) in a ball, and normals that point away from its centre."""
-    n = int(rng.integers(least, 13))
+    n = int(rng.integers(minimum, 13))
     directions = rng.normal(size=(n, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     points = directions * np.cbrt(rng.uniform(0.2, 1.0, (n, 1)))
@@ -70,8 +70,8 @@ def hidden(rng: np.random.Generator, pixels: Floats, seen: np.ndarray) -> np.nda
 
 
 def clutter_count(rng: np.random.Generator) -> int:
-    """Number of clutter points under Jeffreys' prior of their rate, up to `MOST`."""
-    counts = np.arange(MOST + 1)
+    """Number of clutter points under Jeffreys' prior of their rate, up to `MAXIMUM`."""
+    counts = np.arange(MAXIMUM + 1)
     weights = np.exp(gammaln(counts + 0.5) - gammaln(counts + 1.0))
     return int(rng.choice(counts, p=weights / weights.sum()))
 
@@ -114,7 +114,7 @@ def drawn(seed: int, kind: str) -> tuple[dict[str, Any], list[list[set[int]]]] |
         rows += [(*rng.uniform(0.0, SIZE, 2), k) for _ in range(count)]
         owners += [None] * count
     target = np.array(rows).reshape(-1, 3)
-    if len(target) < 4 or np.bincount(target[:, 2].astype(int)).max() > MOST:
+    if len(target) < 4 or np.bincount(target[:, 2].astype(int)).max() > MAXIMUM:
         return None
     order = rng.permutation(len(target))
     for at, j in enumerate(order.tolist()):

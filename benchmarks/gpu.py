@@ -42,7 +42,7 @@ from rootmatch.simulation import SCENES
 ROOT = Path(__file__).resolve().parents[1]
 KINDS = ("joint", "normalised", "qr", "qr-both", "svd")
 SIZES = {"p3p": (20, 10), "up2p": (40, 10), "3p1": (20, 10)}
-LEAST = {"p3p": (5, 1), "up2p": (5, 1), "3p1": (5, 1)}
+MINIMUM = {"p3p": (5, 1), "up2p": (5, 1), "3p1": (5, 1)}
 PRECISIONS = {"float64": cuda, "float32": cuda_float32}
 SINGLES_A_CLOCK = {(6, 0): 64, (7, 0): 64, (7, 2): 64, (7, 5): 64, (8, 0): 64}
 """Fused multiply-adds in float32 per multiprocessor and clock, by compute capability; 128 on the others."""
@@ -107,7 +107,7 @@ def enumeration(problem: str, kind: str, points: int, outliers: int) -> tuple[En
 
 def precisions(problem: str, kind: str) -> list[str]:
     """The precisions in which the GPU evaluates it."""
-    work, _ = enumeration(problem, kind, *LEAST[problem])
+    work, _ = enumeration(problem, kind, *MINIMUM[problem])
     return list(PRECISIONS) if has_single(work.tables, work.kind) else ["float64"]
 
 
@@ -128,12 +128,14 @@ def agreement(problem: str, kind: str, precision: str, points: int, outliers: in
     }  # fmt: skip
 
 
-def rate(problem: str, kind: str, precision: str, size: tuple[int, int], most: float, repeats: int) -> dict[str, Any]:
+def rate(
+    problem: str, kind: str, precision: str, size: tuple[int, int], maximum: float, repeats: int
+) -> dict[str, Any]:
     """Hyper-edges per second of a part of an exhaustive sweep, with a gate that almost nothing passes."""
     work, weigh = enumeration(problem, kind, *size)
     gate = 0.3 if kind in NOISE_KINDS else 1e-2 * weigh.rho
     middle = work.ranks // 2
-    last = min(work.ranks, middle + max(1, int(most) // work.per_slab))
+    last = min(work.ranks, middle + max(1, int(maximum) // work.per_slab))
     started = time.perf_counter()
     strongest = PRECISIONS[precision].strongest
     evaluated = strongest(work, middle, last, gate, 100_000).evaluated
@@ -229,7 +231,7 @@ def markdown(found: dict[str, Any]) -> str:
     """The tables for docs/notebook/performance.md."""
     about, peak = found["card"], found["card"]["peak"]
     what = f"{about['name']}, {about['date']}, numba-cuda {about['numba_cuda']}, rootmatch {about['rootmatch']}"
-    what += "".join(f"; peak in {precision} {most / 1e12:.1f} Tflop/s" for precision, most in peak.items())
+    what += "".join(f"; peak in {precision} {maximum / 1e12:.1f} Tflop/s" for precision, maximum in peak.items())
     lines = [
         f"Card: {what}. Command: `python benchmarks/gpu.py`.", "", f"Tests on the card: {found['tests']}", "",
         "| problem | residual | precision | points | hyper-edges/s | operations each | share of peak | first call |",
@@ -237,8 +239,8 @@ def markdown(found: dict[str, Any]) -> str:
     ]  # fmt: skip
     for row in found["rates"]:
         count = row.get("operations")
-        most = peak.get(row["precision"])
-        share = f"{100 * row['per_second'] * count / most:.1f} %" if most and count else "–"
+        maximum = peak.get(row["precision"])
+        share = f"{100 * row['per_second'] * count / maximum:.1f} %" if maximum and count else "–"
         lines.append(
             f"| {row['problem']} | `{row['kind']}` | {row['precision']} | {row['shape'][0]} × {row['shape'][1]} | "
             f"{row['per_second']:.3g} | {'–' if count is None else f'{count:.0f}'} | {share} | "
@@ -302,7 +304,7 @@ def main() -> None:
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
     quick = options.quick
-    sizes = LEAST if quick else SIZES
+    sizes = MINIMUM if quick else SIZES
     repeats = 1 if quick else options.repeats
 
     def said(text: str) -> None:
@@ -312,13 +314,13 @@ def main() -> None:
     said(f"card: {found['card']}")
     found["tests"] = "not run" if options.no_tests else tests(options.output)
     said(f"tests: {found['tests']}")
-    most = 50.0 if quick else options.hyperedges
+    maximum = 50.0 if quick else options.hyperedges
     found["rates"] = []
     for problem, size in sizes.items():
         for kind in options.kinds:
             for precision in precisions(problem, kind):
                 # a hundred times the work of the others
-                row = rate(problem, kind, precision, size, most / 20 if kind == "svd" else most, repeats)
+                row = rate(problem, kind, precision, size, maximum / 20 if kind == "svd" else maximum, repeats)
                 said(
                     f"{problem} {kind} {precision}: {row['per_second']:.3g} hyper-edges/s, "
                     f"first call {row['first_call_seconds']:.1f} s"

@@ -30,7 +30,7 @@ from rootmatch.model.near_symmetries import find_symmetries
 
 Floats = NDArray[np.float64]
 
-LEAST = 4
+MINIMUM = 4
 """Detections with which poses can be told apart at all."""
 FACING = 0.01
 """Margin, in cosines, beyond which a sensor is surely seen, or hidden."""
@@ -56,7 +56,7 @@ class Judge:
         left_out = int(shown.sum() - (copy >= 0).sum())
         # clutter is as dense as the five points of the scenes
         clutter = left_out * -math.log(tracking.CLUTTER / self.area * 2.0 * math.pi * noise**2)
-        if (copy >= 0).sum() < LEAST:
+        if (copy >= 0).sum() < MINIMUM:
             return clutter
         task = MatchingTask.of(rm.P3P(camera), self.source, target, noise=noise)
         here, there = task.problem.poses(task.points, np.array([truth, copy]))
@@ -85,7 +85,7 @@ def flights(judge: Judge, scenes: ModuleType, seeds: range) -> str:
         total = 0.0
         for k in range(600):
             target, truth = tracking.frame(scenes, made, seed, k)
-            if (truth >= 0).sum() < LEAST:
+            if (truth >= 0).sum() < MINIMUM:
                 continue
             shown += 1
             if total < DECIDED:
@@ -103,9 +103,9 @@ def images(judge: Judge, scenes: ModuleType, seeds: range) -> str:
         made = bodies.scene(scenes, seed, 5)
         headset = made.labels == "headset"
         for label in bodies.LABELS:
-            others += label != "headset" and (made.truth[made.labels == label] >= 0).sum() >= bodies.LEAST_VISIBLE
+            others += label != "headset" and (made.truth[made.labels == label] >= 0).sum() >= bodies.MIN_VISIBLE
         truth = made.truth[headset]
-        if (truth >= 0).sum() < bodies.LEAST_VISIBLE:
+        if (truth >= 0).sum() < bodies.MIN_VISIBLE:
             continue
         headsets += 1
         wrong += judge.lead(made.target, truth, made.camera, bodies.NOISE, made.poses["headset"]) < 0.0

@@ -51,9 +51,9 @@ def nearest(rng: np.random.Generator, source: Floats, count: int) -> Integers:
     return np.argsort(np.linalg.norm(source - place, axis=1))[:count]
 
 
-def part(rng: np.random.Generator, most: int = 300, **told: Any) -> Scene:
+def part(rng: np.random.Generator, maximum: int = 300, **told: Any) -> Scene:
     """A part of a large set."""
-    source = rng.uniform(-1.0, 1.0, (rng.integers(100, most + 1), 3))
+    source = rng.uniform(-1.0, 1.0, (rng.integers(100, maximum + 1), 3))
     return scene(rng, source, nearest(rng, source, rng.integers(10, 21)), rng.integers(21), 0.0005, **told)
 
 

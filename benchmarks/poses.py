@@ -49,13 +49,13 @@ def libraries(scenes: int, first: int) -> None:
     count = {(shape, name): [0, 0, 0] for shape in SHAPES for name in PEERS}
     for seed in range(first, first + scenes):
         shape, ours, theirs = compared(seed)
-        for name, least in theirs.items():
+        for name, minimum in theirs.items():
             tally = count[shape, name]
             tally[0] += 1
-            tally[1] += ours > least * (1.0 + 1e-9)
-            tally[2] += least > ours * (1.0 + 1e-9)
-            if ours > least * (1.0 + 1e-9):
-                print(f"seed {seed}, {shape}: {ours:.12g} against {least:.12g} of {name}", file=sys.stderr)
+            tally[1] += ours > minimum * (1.0 + 1e-9)
+            tally[2] += minimum > ours * (1.0 + 1e-9)
+            if ours > minimum * (1.0 + 1e-9):
+                print(f"seed {seed}, {shape}: {ours:.12g} against {minimum:.12g} of {name}", file=sys.stderr)
     head("scenes", *(f"{name} {word}" for name in PEERS for word in ("lower", "higher")))
     for shape in SHAPES:
         cells = [number for name in PEERS for number in count[shape, name][1:]]

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-LEAST = 4
+MINIMUM = 4
 """Points that it needs."""
 JITTER = 1e-6
 """Of the points' extent, far below any noise: three points of a lattice in a row make its matrices singular."""
@@ -42,7 +42,7 @@ def reply(request: dict[str, Any], ransac: Any) -> dict[str, Any]:
     found = np.full(len(source), -1)
     for _ in range(request.get("motions", 1)):
         rest, free = np.flatnonzero(found < 0), np.setdiff1d(np.arange(len(target)), found)
-        if min(len(rest), len(free)) < LEAST:
+        if min(len(rest), len(free)) < MINIMUM:
             break
         more = np.asarray(ransac.ransac_match(source[rest], target[free], K, **known)[0])
         found[rest] = np.where(more >= 0, free[more], -1)

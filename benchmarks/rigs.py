@@ -56,14 +56,14 @@ class Outcome(NamedTuple):
     seed: int
 
 
-def judged(found: rm.Match, truth: np.ndarray, seconds: float, seed: int, least: int = 1) -> Outcome:
+def judged(found: rm.Match, truth: np.ndarray, seconds: float, seed: int, minimum: int = 1) -> Outcome:
     """One body's sightings against the truth."""
     sightings = found.sightings.assignment
     matched = sightings >= 0
     wrong = bool((sightings != truth)[matched].any())
     visible = int((truth >= 0).sum())
     return Outcome(
-        shown=visible >= least,
+        shown=visible >= minimum,
         right=not wrong and matched.sum() >= 0.9 * visible,
         matched=bool(found.status),
         wrong=bool(found.status) and wrong,
@@ -93,7 +93,7 @@ def predicted(seed: int, kind: str) -> Iterator[Outcome]:
     prior = rm.Pose(one_rotation_matrix(error[:3]) @ R, t + error[3:], np.diag(spread**2))
     known = {"noise": NOISE, "normals": NORMALS[:LEDS], "view_angle": np.radians(VIEW)}
     found, seconds = timed(lambda: rm.match(scene.points, scene.rows, rm.P3P(RIG), prior=prior, **known))
-    yield judged(found, scene.truth, seconds, seed, least=3)
+    yield judged(found, scene.truth, seconds, seed, minimum=3)
 
 
 def of_three(scene: RigScene, rng: np.random.Generator) -> RigScene:
@@ -118,7 +118,7 @@ def of_bodies(found: rm.Match, scene: RigScene, seconds: float, seed: int) -> It
     """Each body of a frame; the time is that of all."""
     for label, body in found.bodies.items():
         own = LABELS[: len(scene.points)] == label
-        yield judged(body, scene.truth[:, own], seconds, seed, least=4)
+        yield judged(body, scene.truth[:, own], seconds, seed, minimum=4)
 
 
 def actors(seed: int) -> Iterator[Outcome]:
@@ -126,7 +126,7 @@ def actors(seed: int) -> Iterator[Outcome]:
     stage = Stage(seed)
     found, seconds = timed(stage.match)
     for name, body in found.bodies.items():
-        yield judged(body, stage.truth_of(name), seconds, seed, least=4)
+        yield judged(body, stage.truth_of(name), seconds, seed, minimum=4)
 
 
 def flight(seed: int, hands: int, frames: int) -> Iterator[Outcome]:
@@ -142,7 +142,7 @@ def flight(seed: int, hands: int, frames: int) -> Iterator[Outcome]:
         if hands == 2:
             yield from of_bodies(found, scene, seconds, seed)
         else:
-            yield judged(found, scene.truth, seconds, seed, least=4)
+            yield judged(found, scene.truth, seconds, seed, minimum=4)
 
 
 def print_row(name: str, every: list[Outcome]) -> None:

@@ -20,7 +20,7 @@ from shared import Floats, Integers, head, measured_data, parser, row, timed
 
 import rootmatch as rm
 
-LEAST = 15
+MINIMUM = 15
 """Points that a view must show."""
 SIGMA = 0.1
 """Least noise that is stated, in pixels: some views fit better than their detections can be trusted."""
@@ -167,7 +167,7 @@ def main() -> None:
                 print(f"exponent {slope:.2f}")
         return
     data = measured_data("aicon_targets")
-    views = options.views or [v for v, p in enumerate(data["points2d"]) if np.isfinite(p[:, 0]).sum() >= LEAST]
+    views = options.views or [v for v, p in enumerate(data["points2d"]) if np.isfinite(p[:, 0]).sum() >= MINIMUM]
     for clutter in options.clutter:
         print(f"\n{clutter} clutter points\n")
         head(*HEAD)

@@ -47,7 +47,7 @@ from shared import Calibration, Integers, head, parser, row, scenes_of, timed
 import rootmatch as rm
 
 IMAGE, VIEWS, SPACE, FLIGHT, MODEL = "one image", "two views", "point sets", "flights", "drawn by the model"
-LEAST = {IMAGE: 5, VIEWS: 8, SPACE: 4, MODEL: 5}
+MINIMUM = {IMAGE: 5, VIEWS: 8, SPACE: 4, MODEL: 5}
 """Shown points from which a right answer is asked for."""
 FEW_LEDS = "4-4-LR", "4-6-LR", "5-8-LR", "4-6-R", "5-8-R", "4-6-L", "5-8-L"
 """LEDs of the right controller in view, clutter points, and the controllers that are looked for: the left one is its
@@ -82,7 +82,7 @@ Scenes = Callable[[int], list[Told]]
 """The bodies of one seed."""
 
 
-def of_sets(match: rm.Match, own: list[set[int]], least: int) -> Told:
+def of_sets(match: rm.Match, own: list[set[int]], minimum: int) -> Told:
     """A body whose points, or sightings, have any of their own detections."""
     assignment = (match.assignment if match.sightings is None else match.sightings.assignment).ravel()
     held = {int(j) for j, may in zip(assignment, own, strict=True) if j in may}  # several may have one that is merged
@@ -94,7 +94,7 @@ def of_sets(match: rm.Match, own: list[set[int]], least: int) -> Told:
     points = list(zip(assignment, zip(confidence.tolist(), true, strict=True), strict=True)) if told else []
     trusted = bool(match)
     return Told(
-        shown >= least, trusted, trusted and not wrong and matched >= 0.9 * shown - 1e-9, trusted and wrong,
+        shown >= minimum, trusted, trusted and not wrong and matched >= 0.9 * shown - 1e-9, trusted and wrong,
         match.probability, not wrong if trusted else all(true),
         [point for j, point in points if j >= 0], [point for j, point in points if j < 0], matched > 0,
     )  # fmt: skip
@@ -102,7 +102,7 @@ def of_sets(match: rm.Match, own: list[set[int]], least: int) -> Told:
 
 def of_one(match: rm.Match, truth: Integers, geometry: str) -> Told:
     """A body whose points have one detection each, −1 for none."""
-    return of_sets(match, [{int(j)} if j >= 0 else set() for j in truth], LEAST[geometry])
+    return of_sets(match, [{int(j)} if j >= 0 else set() for j in truth], MINIMUM[geometry])
 
 
 def of_bodies(arguments: dict[str, Any], truths: list[list[set[int]]], geometry: str) -> list[Told]:
@@ -112,7 +112,7 @@ def of_bodies(arguments: dict[str, Any], truths: list[list[set[int]]], geometry:
     except rm.InputError:  # too few detections for one hyper-edge
         return []
     bodies = [match] if match.bodies is None else list(match.bodies.values())
-    return [of_sets(body, truth, LEAST[geometry]) for body, truth in zip(bodies, truths, strict=True)]
+    return [of_sets(body, truth, MINIMUM[geometry]) for body, truth in zip(bodies, truths, strict=True)]
 
 
 def of_constellation(scenes: ModuleType, family: str, seed: int) -> list[Told]:
@@ -195,7 +195,7 @@ def of_fiducials(scenes: ModuleType, arguments: dict[str, Any], seed: int) -> li
     own: list[set[int]] = [{int(j)} if j >= 0 else set() for j in truth]
     if made["moved"] >= 0 and match.assignment[made["moved"]] < 0:
         own[made["moved"]] = set()
-    return [of_sets(match, own, LEAST[SPACE])]
+    return [of_sets(match, own, MINIMUM[SPACE])]
 
 
 def of_part(kind: str, seed: int) -> list[Told]:

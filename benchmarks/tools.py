@@ -111,7 +111,7 @@ def main() -> None:
     if scenes is None:
         sys.exit(1)
     print(f"{given.problem}, seeds from {given.first_seed}\n")
-    head("three tools", "tools in frames", "right", "wrong", "not trusted", "covered", "median ms", "99 %", "most")
+    head("three tools", "tools in frames", "right", "wrong", "not trusted", "covered", "median ms", "99 %", "maximum")
     for tracked in (True, False):
         seeds = range(given.first_seed, given.first_seed + given.flights)
         print_row(scenes, PROBLEMS[given.problem], tracked, seeds, given.axes)

@@ -27,7 +27,7 @@ SIZE = (1280.0, 960.0)
 KINDS = [(n, clutter, baseline) for n, clutter in ((6, 3), (10, 5), (20, 10)) for baseline in (0.2, 1.0, 5.0)]
 """Points, clutter and baseline of scenes of ``rootmatch simulate 3p1``, with σ = .5 px."""
 RUNS = 3
-MOST_PAIRS = 12 * 12
+MAX_PAIRS = 12 * 12
 
 
 def posteriors(task: MatchingTask, runs: int) -> Iterator[TwoViewPosterior]:
@@ -81,7 +81,7 @@ def print_alike(seeds: range, samples: int) -> None:
         for seed in seeds:
             task = images(same, seed)
             (few,) = posteriors(task, 1)
-            with patch.multiple(two_view_alike, SAMPLES=samples, MOST_RATIOS=samples * MOST_PAIRS):
+            with patch.multiple(two_view_alike, SAMPLES=samples, MAX_RATIOS=samples * MAX_PAIRS):
                 (many,) = posteriors(task, 1)
             if math.isfinite(few.likeness[0]) and math.isfinite(many.likeness[0]):
                 below.append(many.likeness[0] - few.likeness[0])

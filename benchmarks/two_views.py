@@ -40,13 +40,13 @@ def print_row(n: int, clutter: int, baseline: float, sigma: float, seeds: range,
         states.append(found.status.name)
         if found.status:
             trusted.append(right(found.assignment, scene.truth))
-    least = float(np.mean(own)) - BELOW[baseline]
+    minimum = float(np.mean(own)) - BELOW[baseline]
     limit = LIMITS.get((n, clutter), np.inf)
-    reached = np.mean(accuracy) >= least and np.median(seconds) <= limit
+    reached = np.mean(accuracy) >= minimum and np.median(seconds) <= limit
     unseen = f", {hidden} hidden" if hidden else ""
     row(
         f"{n} + {clutter}{unseen}, b {baseline:g}, σ {sigma:g}", len(seeds), f"{np.mean(accuracy):.4f}",
-        f"{np.mean(own):.4f}", f"{least:.4f}", f"{np.mean(precision):.4f}", f"{sum(trusted)} of {len(trusted)}",
+        f"{np.mean(own):.4f}", f"{minimum:.4f}", f"{np.mean(precision):.4f}", f"{sum(trusted)} of {len(trusted)}",
         states.count("AMBIGUOUS"), states.count("UNTRUSTED"), f"{np.median(seconds):.3f}",
         f"{max(seconds):.2f}", "reached" if reached else "MISSED",
     )  # fmt: skip

@@ -18,11 +18,11 @@ SIZE = (640.0, 480.0)
 Scene = tuple[Any, Any, dict[str, Any]]
 
 
-def image(problem: rm.Problem, least: int) -> Callable[[np.random.Generator], Scene]:
+def image(problem: rm.Problem, minimum: int) -> Callable[[np.random.Generator], Scene]:
     """Points in space and detections."""
 
     def drawn(rng: np.random.Generator) -> Scene:
-        n, m = (int(rng.integers(least, most)) for most in (21, 31))
+        n, m = (int(rng.integers(minimum, maximum)) for maximum in (21, 31))
         told = {"problem": problem, "noise": float(rng.choice([0.25, 0.5, 1.0]))}
         return rng.uniform(-2.0, 2.0, (n, 3)), rng.uniform((0.0, 0.0), SIZE, (m, 2)), told
 

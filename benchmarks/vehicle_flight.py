@@ -13,7 +13,7 @@ import rootmatch as rm
 HALL = np.array([60.0, 35.0])
 """Metres."""
 MAP_NOISE, RANGE_NOISE, BEARING_NOISE = 0.01, 0.015, np.radians(0.085)
-RATE, SPEED, REACH, MOST = 15.0, 1.5, 22.0, 14
+RATE, SPEED, REACH, MAXIMUM = 15.0, 1.5, 22.0, 14
 """Scans and metres a second; how far reflectors are seen, and how many, the nearest."""
 BEHIND = range(40, 48)
 """Scans in which somebody stands before the scanner: two reflectors are seen."""
@@ -66,7 +66,7 @@ def vehicle_flight(seed: int, frames: int) -> Iterator[dict[str, Any]]:
         away, bearing = _polar((REFLECTORS - place) @ R.T)
         behind = np.abs(np.mod(bearing[:, None] + heading - hidden - 0.1 * k / RATE + np.pi, 2.0 * np.pi) - np.pi) < 0.4
         seen = np.flatnonzero((away < REACH) & ~(behind.any(axis=1) & (away > 4.0)) & (rng.random(len(away)) < 0.9))
-        seen = seen[np.argsort(away[seen])][: 2 if k in BEHIND else MOST]
+        seen = seen[np.argsort(away[seen])][: 2 if k in BEHIND else MAXIMUM]
         stray = _polar((posts - place) @ R.T)
         others = np.flatnonzero((stray[0] < 12.0) & (rng.random(len(posts)) < 0.7))
         ranges = np.concatenate([away[seen], stray[0][others], rng.uniform(1.0, 15.0, 1)])

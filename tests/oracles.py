@@ -301,7 +301,7 @@ def p3p_joint(source: np.ndarray, rays: np.ndarray, sigma: np.ndarray) -> float:
 
     The covariance of the prediction by differences: each ray of the triple is turned a little, the solution followed.
     """
-    least = math.inf
+    minimum = math.inf
     for depths in p3p_depths(source[:3], rays[:3]):
 
         def predicted(moved: np.ndarray, depths: np.ndarray = depths) -> np.ndarray:
@@ -316,8 +316,8 @@ def p3p_joint(source: np.ndarray, rays: np.ndarray, sigma: np.ndarray) -> float:
         offset = across @ rays[3]
         covariance = spread @ spread.T + sigma[3] ** 2 * np.eye(2)
         if expected @ rays[3] > 0.0:
-            least = min(least, float(offset @ np.linalg.solve(covariance, offset)))
-    return math.sqrt(least)
+            minimum = min(minimum, float(offset @ np.linalg.solve(covariance, offset)))
+    return math.sqrt(minimum)
 
 
 # ------------------------------------------------------------------ up2p in units of the noise

@@ -360,8 +360,8 @@ def test_how_probable_it_is_that_a_camera_detects_as_few() -> None:
     rates = np.array([0.3, 0.9])
     told = chance_of_as_few(visible, seen, rates, np.log([0.5, 0.5]))
     expected, weights = np.ones(4), [np.where(seen[0], r * visible[0], 1.0 - r * visible[0]).prod() for r in rates]
-    for camera, most in ((1, 1), (2, 2), (3, 0)):
-        every = [np.array(one) for one in itertools.product([True, False], repeat=5) if sum(one) <= most]
+    for camera, maximum in ((1, 1), (2, 2), (3, 0)):
+        every = [np.array(one) for one in itertools.product([True, False], repeat=5) if sum(one) <= maximum]
         few = [
             sum(np.where(one, r * visible[camera], 1.0 - r * visible[camera]).prod() for one in every) for r in rates
         ]

@@ -87,7 +87,7 @@ def test_the_table_has_the_pairs_that_agree_of_all(seed: int, monkeypatch: pytes
     monkeypatch.setattr(angle_table, "PARTS", 1)
     sky = skies(3, 80)[seed]
     given = sky.directions()
-    found = search_angle_table(given, np.random.default_rng(0), most=10**9)
+    found = search_angle_table(given, np.random.default_rng(0), maximum=10**9)
     assert found is not None
     assert len(pairs_of(found)) == len(found.first)
     assert pairs_of(found) == all_that_agree(given)
@@ -97,7 +97,7 @@ def test_the_table_has_the_pairs_that_agree_of_all(seed: int, monkeypatch: pytes
 def test_right_pairs_come_first_and_tell_the_rotation(stars: int, clutter: int) -> None:
     for seed, sky in enumerate(skies(4, stars, clutter=clutter)):
         given = sky.directions()
-        found = search_angle_table(given, np.random.default_rng(seed), most=20)
+        found = search_angle_table(given, np.random.default_rng(seed), maximum=20)
         assert found is not None
         right = sky.are_true(given, found)
         assert right[0]
@@ -110,13 +110,13 @@ def test_right_pairs_come_first_and_tell_the_rotation(stars: int, clutter: int) 
 def test_what_tells_too_little_is_not_looked_up() -> None:
     sky = skies(1, 500)[0]
     given, rng = sky.directions(), np.random.default_rng(0)
-    assert search_angle_table(given._replace(variance=np.full(len(given.i), 0.03**2)), rng, most=20) is None, "vague"
+    assert search_angle_table(given._replace(variance=np.full(len(given.i), 0.03**2)), rng, maximum=20) is None, "vague"
     twice = given._replace(**{name: np.concatenate([getattr(given, name)] * 2) for name in given._fields[:-1]})
-    assert search_angle_table(twice, rng, most=20) is None, "two directions"
+    assert search_angle_table(twice, rng, maximum=20) is None, "two directions"
     none = given._replace(**{name: getattr(given, name)[:0] for name in given._fields[:-1]})
-    assert search_angle_table(none, rng, most=20) is None, "nothing may be matched"
+    assert search_angle_table(none, rng, maximum=20) is None, "nothing may be matched"
     one = given._replace(**{name: getattr(given, name)[given.j == 0] for name in given._fields[:-1]})
-    assert search_angle_table(one, rng, most=20) is None, "one detection"
+    assert search_angle_table(one, rng, maximum=20) is None, "one detection"
 
 
 @pytest.mark.parametrize(("stars", "moved", "distance"), [(500, 1e-6, 1.0), (200, 1e-6, 1.0), (300, 0.002, 3.0)])

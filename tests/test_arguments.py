@@ -142,7 +142,8 @@ def test_samples_are_of_the_random_sampler(sampler: Any) -> None:
 @pytest.mark.parametrize("how", [{"sampler": "exhaustive"}, {"sampler": "random"}, {"sampler": "guided"}, {}])
 def test_every_sampler_keeps_the_strongest_hyperedges(how: dict[str, Any]) -> None:
     every, few = (
-        rm.match(SCENE.source, SCENE.target, SCENE.problem, max_hyperedges=most, **how) for most in (5_000_000, 10)
+        rm.match(SCENE.source, SCENE.target, SCENE.problem, max_hyperedges=maximum, **how)
+        for maximum in (5_000_000, 10)
     )
     assert every.tensor.size > few.tensor.size == 10
     assert np.array_equal(np.sort(few.tensor.weights), np.sort(every.tensor.weights)[-10:])
@@ -304,10 +305,10 @@ def test_two_detections_at_one_pixel_cost_no_other_match(how: str) -> None:
     assert "1 of the points may have another detection, or none" in match.advice
 
 
-@pytest.mark.parametrize("least", [0.999, 1.0])
-def test_a_probability_that_none_reaches_is_refused(least: float) -> None:
-    with pytest.raises(InputError, match=rf"min_probability: {least:g} given; give less than 0\.999"):
-        rm.match(SCENE.source, SCENE.target, SCENE.problem, min_probability=least)
+@pytest.mark.parametrize("minimum", [0.999, 1.0])
+def test_a_probability_that_none_reaches_is_refused(minimum: float) -> None:
+    with pytest.raises(InputError, match=rf"min_probability: {minimum:g} given; give less than 0\.999"):
+        rm.match(SCENE.source, SCENE.target, SCENE.problem, min_probability=minimum)
 
 
 def test_two_images_are_told_their_problems() -> None:

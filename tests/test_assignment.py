@@ -61,16 +61,16 @@ def test_margin():
 @pytest.mark.parametrize("shape", [(5, 5), (4, 7), (7, 4), (1, 3), (3, 1)])
 def test_a_clear_case_is_what_the_hungarian_method_says(shape):
     rng = np.random.default_rng(sum(shape))
-    least = min(shape)
+    minimum = min(shape)
     for _ in range(20):
         soft = rng.random(shape)
-        rows, columns = rng.permutation(shape[0])[:least], rng.permutation(shape[1])[:least]
+        rows, columns = rng.permutation(shape[0])[:minimum], rng.permutation(shape[1])[:minimum]
         soft[rows, columns] += 1.0
         expected = np.full(shape[0], -1)
         expected[rows] = columns
         np.testing.assert_array_equal(discretise(soft), expected)
         # Liked twice by two lines: the total decides, not the order.
-        if least > 1:
+        if minimum > 1:
             soft[rows[0], columns[1]] = 3.0
             np.testing.assert_array_equal(discretise(soft), expected_by_scipy(soft))
 

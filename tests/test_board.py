@@ -64,20 +64,20 @@ def reprojected(board: Board) -> NDArray[np.float64]:
     return cv2.projectPoints(board.model, rotation, translation, board.K, None)[0].reshape(-1, 2)
 
 
-def most_kept(points: NDArray[np.float64]) -> int:
+def max_kept(points: NDArray[np.float64]) -> int:
     """The most points of a lattice subset (n, 2) that one of its maps other than the identity puts onto the subset.
 
     Complex numbers: a rotation by a quarter turn is a product with i, a reflection a conjugation.
     """
     own = points[:, 0] + 1j * points[:, 1]
-    most = 0
+    maximum = 0
     for turn, mirrored in itertools.product((1, 1j, -1, -1j), (False, True)):
         turned = turn * (np.conj(own) if mirrored else own)
         for shift in np.unique(np.subtract.outer(own, turned)):
             if turn == 1 and not mirrored and shift == 0:
                 continue
-            most = max(most, int(np.isin(turned + shift, own).sum()))
-    return most
+            maximum = max(maximum, int(np.isin(turned + shift, own).sum()))
+    return maximum
 
 
 def test_ids_are_the_rows() -> None:
@@ -123,13 +123,13 @@ def test_clutter_lies_off_the_board(board: Board) -> None:
 def test_subset_has_no_symmetry(board: Board) -> None:
     lattice = board.model[:, :2] / SQUARE
     np.testing.assert_array_equal(lattice, np.round(lattice))
-    assert most_kept(lattice) <= len(lattice) // 2
+    assert max_kept(lattice) <= len(lattice) // 2
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_scripts_own_symmetry_count(script: ModuleType, seed: int) -> None:
     points = script.lattice()[np.random.default_rng(seed).choice(54, 10, replace=False)]
-    assert script.largest_overlap(points) == most_kept(points)
+    assert script.largest_overlap(points) == max_kept(points)
 
 
 def test_symmetric_subsets_are_seen(script: ModuleType) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from source_files import SOURCES, every_file, nodes_of, tree_of
 
-MOST = 5
+MAXIMUM = 5
 KERNELS = {"launch", "fill_triangle_frame", "search"}
 """Plain functions that hand their arguments on to a kernel."""
 JITTED = {
@@ -52,7 +52,7 @@ def long_calls(tree: ast.AST, compiled: set[str]) -> list[tuple[int, str]]:
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.FunctionDef) and decorators(node) & JITTED:
             continue
-        if isinstance(node, ast.Call) and len(node.args) > MOST:
+        if isinstance(node, ast.Call) and len(node.args) > MAXIMUM:
             name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "?")
             # what is looked up by index is a kernel: of a table of them, or configured for its launch
             if name not in compiled | KERNELS and not isinstance(node.func, ast.Subscript):

@@ -622,7 +622,7 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
         stopped_early=False,
         prior_holds=None,
         sightings=None,
-        problem=make(least_for_pose=0),
+        problem=make(min_for_pose=0),
     )
     record = match_record(found)
     assert record["score"] is None

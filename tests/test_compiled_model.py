@@ -27,7 +27,7 @@ from rootmatch.model.clutter import PSEUDO, SCALES, STEPS
 from rootmatch.model.compiled.assigning import assign_likeliest
 from rootmatch.model.compiled.crowds import fill_crowd_densities, fit_crowd_shares, fit_crowds
 from rootmatch.model.compiled.gating import gate
-from rootmatch.model.compiled.occluder import DIRECTIONS, FARTHEST, LEAST_HIDDEN, OCCLUDED
+from rootmatch.model.compiled.occluder import DIRECTIONS, FARTHEST, MIN_HIDDEN, OCCLUDED
 from rootmatch.model.compiled.rates import log_over_rates
 from rootmatch.model.compiled.same_pose import is_same_pose
 from rootmatch.model.compiled.single_changes import fill_match_gains
@@ -256,9 +256,9 @@ def hidden_parts(
             along = pixels[rows] @ (math.cos(angle), math.sin(angle))
             beyond = ~owned[rows] & (along > along[owned[rows]].max(initial=-math.inf))
             choices.append((float(shown[rows][beyond].sum()), beyond))
-        most, beyond = max(choices, key=lambda one: one[0])
+        maximum, beyond = max(choices, key=lambda one: one[0])
         outside = np.logical_or.reduce([one for _, one in choices])
-        if most <= LEAST_HIDDEN or (window and float(shown[rows][outside].sum()) <= most):
+        if maximum <= MIN_HIDDEN or (window and float(shown[rows][outside].sum()) <= maximum):
             continue
         places = float(np.where(owned[rows], 1.0, shown[rows]).sum())
         here = -math.log(places**3 / 6.0 if window else DIRECTIONS * places)

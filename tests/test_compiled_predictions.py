@@ -171,9 +171,9 @@ def test_reversed_depth(camera: CameraModel, flatness: float) -> None:
     found = reverse_depths(model, Proposals(assignments, R, position))
     centre = np.zeros((len(R), 3))
     if isinstance(camera, RigImage):
-        most = (assignments >= 0).reshape(len(R), cameras, -1).sum(axis=2).argmax(axis=1)
-        centre = camera.rig.centres[most]
-        assert len(set(most.tolist())) == 2
+        maximum = (assignments >= 0).reshape(len(R), cameras, -1).sum(axis=2).argmax(axis=1)
+        centre = camera.rig.centres[maximum]
+        assert len(set(maximum.tolist())) == 2
     points = np.broadcast_to(model.points - model.centre, (len(R), n, 3))
     rotation, place = reflect_poses((R, position - centre), points, (assignments >= 0).astype(float))
     np.testing.assert_allclose(found.rotation, rotation, atol=1e-9)

@@ -221,8 +221,8 @@ def test_neighbours_of_labellings_are_weighed_until_the_deadline() -> None:
     clock = Clock(1.0)
     looks = looks_at(clock, lambda: point_set_posterior.weigh_point_set_posterior(model, proposals))
     assert looks > 1 + len(proposals.log_odds)  # all of them, each one's neighbours, and each exchange
-    for most in range(looks):
-        with Deadline(most + 0.5, clock=Clock(1.0)).enforce(), pytest.raises(OutOfTime):
+    for maximum in range(looks):
+        with Deadline(maximum + 0.5, clock=Clock(1.0)).enforce(), pytest.raises(OutOfTime):
             point_set_posterior.weigh_point_set_posterior(model, proposals)
     with Deadline(looks + 0.5, clock=Clock(1.0)).enforce():
         found = point_set_posterior.weigh_point_set_posterior(model, proposals)
@@ -377,8 +377,8 @@ def test_poses_with_a_known_rotation_are_scored_until_the_deadline(monkeypatch: 
     assert whole is not None
     assert pieces is not None
     assert np.array_equal(whole.assignments, pieces.assignments)
-    most = count[0] - 1
-    assert most > 5
+    maximum = count[0] - 1
+    assert maximum > 5
     clock.now, count[0] = 0.0, 0
     deadline = Deadline(3.5, clock=clock)
     with deadline.enforce():

@@ -22,7 +22,7 @@ APART = (0.0, 0.3)
 VIEWS = rm.Rig([(CAMERA, np.eye(3), np.array([-x, 0.0, 0.0])) for x in APART])
 STRIDE = 5
 """Every moment is tried up to so many looks at the clock, and from there the later, the fewer."""
-MOST = 4
+MAXIMUM = 4
 """Frames that a tracker has seen before."""
 
 
@@ -83,11 +83,11 @@ def scene(name: str) -> Callable[[], rm.Match]:
         target, told = frame(0)
         return lambda: of_one.match(target, max_seconds=600.0, **told)
     followed = rm.Tracker(np.concatenate(models), problem, noise=noise, **options)
-    for k in range(1 if "lost" in name else MOST):
+    for k in range(1 if "lost" in name else MAXIMUM):
         target, told = frame(k, shown="lost" not in name)
         followed.update(target, time=k / 60, **told)
-    state, (target, told) = pickle.dumps(followed), frame(MOST)
-    return lambda: pickle.loads(state).update(target, time=MOST / 60, max_seconds=600.0, **told)
+    state, (target, told) = pickle.dumps(followed), frame(MAXIMUM)
+    return lambda: pickle.loads(state).update(target, time=MAXIMUM / 60, max_seconds=600.0, **told)
 
 
 def is_whole(match: rm.Match) -> bool:

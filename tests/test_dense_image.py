@@ -18,8 +18,8 @@ from rootmatch.research.blind.run import ROTATION
 from rootmatch.research.blind.scenes import surface_scene
 from rootmatch.samplers.densities import alignment
 from rootmatch.samplers.densities.alignment import (
-    LEAST_POSES,
     LEVELS,
+    MIN_POSES,
     Aligned,
     Blob,
     _climb_level,
@@ -165,7 +165,7 @@ def test_few_poses_climb_where_the_image_has_many_cells(monkeypatch: pytest.Monk
     starts = Aligned(np.tile(R, (30, 1, 1)), np.tile(t, (30, 1)))
     blob = Blob.of(detections, 1e-4, len(points))
     size = math.sqrt(0.5 * float(np.trace(blob.covariance)))
-    for fineness, expected in ((10.0, 30), (50.0, LEAST_POSES)):
+    for fineness, expected in ((10.0, 30), (50.0, MIN_POSES)):
         found = _climb_level(points, detections, starts, blob, blur=size / fineness, false=1.0, level=LEVELS[-1])
         assert len(found.rotation) == expected
         np.testing.assert_allclose(found.rotation, np.tile(R, (expected, 1, 1)), atol=0.02)

@@ -204,16 +204,16 @@ def test_one_problem_more_in_a_folder_is_told_with_the_others_and_what_is_known_
 def test_one_problem_alone_in_a_quick_run(tmp_path, monkeypatch):
     """It scans no other, its one ρ is chosen on it, and it stops at the samples that it names."""
     monkeypatch.setattr("rootmatch.research.paper.reproduce.draw", draw_none)
-    met, most = set(), set()
+    met, maximum = set(), set()
 
     def noted(unit):
         met.update(task.setting.problem for task in unit.tasks)
-        most.update(size for task in unit.tasks for _, sizes in task.methods for size in sizes)
+        maximum.update(size for task in unit.tasks for _, sizes in task.methods for size in sizes)
         return fake(unit)
 
     done = reproduce(("up2p",), tmp_path, effort=Effort(1, quick=True), jobs=1, function=noted)
     assert met == {"up2p"}
-    assert max(most) == 100_000
+    assert max(maximum) == 100_000
     assert "figure-4-up2p-published.svg" in {path.name for path in done}
     lines = list(csv.DictReader(io.StringIO((tmp_path / "rho-scan.csv").read_text())))
     assert {line["problem"] for line in lines} == {"all", "up2p"}

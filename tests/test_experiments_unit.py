@@ -45,11 +45,11 @@ def test_tensors_of_growing_samples_against_a_dictionary(stream):
     tensors = dict(nested_tensors(stream, stream.indices, residual, weigh, (6, 7), (3000, 10, 5000)))
     assert list(tensors) == [10, 3000, 5000]
     for size, tensor in tensors.items():
-        least = {}
+        minimum = {}
         for e in range(size):
             key = frozenset((stream.source[e] * 7 + stream.target[e]).tolist())
-            least[key] = min(least.get(key, math.inf), residual[e])
-        expected = {key: math.exp(-r / 0.05) for key, r in least.items() if r <= 28 * 0.05}
+            minimum[key] = min(minimum.get(key, math.inf), residual[e])
+        expected = {key: math.exp(-r / 0.05) for key, r in minimum.items() if r <= 28 * 0.05}
         found = dict(zip(map(frozenset, tensor.indices.tolist()), tensor.weights.tolist(), strict=True))
         assert found.keys() == expected.keys()
         assert len(found) == tensor.size
@@ -98,11 +98,11 @@ def test_a_hyperedge_drawn_again_in_another_order_has_the_least_of_its_residuals
     match = rm.match(scene.source, scene.target, scene.problem, preset="paper", samples=30_000, rho=rho, seed=4)
     source, target = next(random_hyperedges(10, 10, 3, 30_000, 4))
     residual = rm.residuals(scene.source, scene.target, scene.problem, source, target, kind="qr")
-    least = {}
+    minimum = {}
     for i, k, r in zip(source.tolist(), target.tolist(), residual.tolist(), strict=True):
         key = frozenset(10 * a + b for a, b in zip(i, k, strict=True))
-        least[key] = min(least.get(key, math.inf), r)
-    expected = {key: math.exp(-r / rho) for key, r in least.items() if r <= 28 * rho}
+        minimum[key] = min(minimum.get(key, math.inf), r)
+    expected = {key: math.exp(-r / rho) for key, r in minimum.items() if r <= 28 * rho}
     found = dict(zip(map(frozenset, match.tensor.indices.tolist()), match.tensor.weights.tolist(), strict=True))
     assert found.keys() == expected.keys()
     assert_allclose([found[key] for key in expected], list(expected.values()), rtol=1e-9)

@@ -28,7 +28,7 @@ def fits_of(problem, source, target, sigma, assignments):  # type: ignore[no-unt
     return found
 
 
-def least_chi2(scene, camera, target, answer, sigma):  # type: ignore[no-untyped-def]
+def min_chi2(scene, camera, target, answer, sigma):  # type: ignore[no-untyped-def]
     """χ² of the best pose by SciPy, from the true one."""
     matched = np.flatnonzero(answer >= 0)
     points, image = scene.source[matched], target[answer[matched]]
@@ -62,8 +62,8 @@ def test_fit_is_the_least_squares_one(make, bent: bool) -> None:  # type: ignore
         part[[1, 4]] = -1
         found = fits_of(replace(scene.problem, camera=camera), scene.source, target, sigma, [scene.truth, part])
         for k, answer in enumerate((scene.truth, part)):
-            least = least_chi2(scene, camera, target, answer, sigma)
-            assert found.squared[k] == pytest.approx(least, rel=0.02, abs=0.05)
+            minimum = min_chi2(scene, camera, target, answer, sigma)
+            assert found.squared[k] == pytest.approx(minimum, rel=0.02, abs=0.05)
             freedom = 2 * np.count_nonzero(answer >= 0) - (4 if make is up2p_scene else 6)
             assert found.freedom[k] == pytest.approx(freedom, abs=0.5)
 
@@ -83,12 +83,12 @@ def test_a_measured_vertical_is_a_prior() -> None:
     tilt = tuple(Rotation.from_rotvec([0.03, 0.0, -0.02]).as_matrix() @ [0.0, 1.0, 0.0])
     exact = rm.UP2P(scene.problem.camera, tilt, (0.0, 1.0, 0.0))
     noisy = rm.UP2P(scene.problem.camera, tilt, (0.0, 1.0, 0.0), 0.02)
-    least, off, within = (
+    minimum, off, within = (
         fits_of(problem, scene.source, scene.target, 0.5, [scene.truth]).squared[0]
         for problem in (scene.problem, exact, noisy)
     )
-    assert off > 3.0 * least
-    assert within < least + 12.0
+    assert off > 3.0 * minimum
+    assert within < minimum + 12.0
 
 
 def test_an_assignment_with_too_few_matches_is_left_out() -> None:

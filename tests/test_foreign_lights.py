@@ -47,11 +47,11 @@ def flight(seed: int, shown: int, lights: int = 6, frames: int = 200) -> tuple[i
     return wrong, right, frames - 80
 
 
-@pytest.mark.parametrize(("shown", "most"), [(2, 1), (3, 4)])
-def test_lights_that_turn_with_the_body_are_not_believed_for_staying(shown: int, most: int) -> None:
+@pytest.mark.parametrize(("shown", "maximum"), [(2, 1), (3, 4)])
+def test_lights_that_turn_with_the_body_are_not_believed_for_staying(shown: int, maximum: int) -> None:
     """One of them beside three points is a test, and passes it by accident now and then."""
     wrong, right, full = flight(1, shown)
-    assert wrong <= most, "hundreds if a match that lasts is believed"
+    assert wrong <= maximum, "hundreds if a match that lasts is believed"
     assert right > 0.85 * full, "the body is found again, although a place nearby is followed"
 
 
@@ -59,9 +59,9 @@ def test_lights_that_turn_with_the_body_are_not_believed_for_staying(shown: int,
 def test_a_pose_holds_if_the_right_matches_determine_it(own: list[float]) -> None:
     lights = ForeignLights(len(own) + 1)
     lights.own[:-1], lights.seen[:-1], lights.time = own, 0.0, 0.0
-    least, told = min(3, len(own)), 0.0
+    minimum, told = min(3, len(own)), 0.0
     for right in itertools.product([True, False], repeat=len(own)):
-        if sum(right) >= least:
+        if sum(right) >= minimum:
             told += math.prod(p if one else 1.0 - p for p, one in zip(own, right, strict=True))
     assert lights.holds == pytest.approx(told)
 
@@ -112,14 +112,14 @@ def test_a_match_is_no_more_probable_than_when_it_was_met() -> None:
     lights.take(found, np.where(np.arange(7) == 2, 0.7, 0.999), lit, 0.0)
     lit[:] = 0.9  # as if it had been seen
     for k in range(1, 5):
-        most = lights.most(found, lit, k / RATE)
-        assert most[2] == pytest.approx(0.7)
-        assert (most[:2] == 1.0).all()
+        maximum = lights.maximum(found, lit, k / RATE)
+        assert maximum[2] == pytest.approx(0.7)
+        assert (maximum[:2] == 1.0).all()
         lights.take(found, np.full(7, 0.999), lit, k / RATE)
     nothing = SimpleNamespace(**{**vars(found), "assignment": np.full(7, -1)})
     lights.take(nothing, np.full(7, 0.999), lit, 5.0 / RATE)
-    assert lights.most(found, lit, 6.0 / RATE)[2] < 0.75, "what was beside the body is still there"
-    assert lights.most(found, lit, 20.0)[2] == 1.0
+    assert lights.maximum(found, lit, 6.0 / RATE)[2] < 0.75, "what was beside the body is still there"
+    assert lights.maximum(found, lit, 20.0)[2] == 1.0
 
 
 def test_a_hypothesis_gains_nothing_by_being_split() -> None:
@@ -149,10 +149,12 @@ def test_what_is_kept_between_two_questions_is_of_the_last_frame() -> None:
     found, lit, lights = found_of(3), np.full(7, 0.05), ForeignLights(7)
     assert lights.holds == 1.0, "nothing was matched: as much as is asked for"
     for k, given in enumerate((0.7, 0.9, 0.4)):
-        most = lights.most(found, lit, k / RATE)
-        assert lights.most(found, lit, k / RATE) is most
+        maximum = lights.maximum(found, lit, k / RATE)
+        assert lights.maximum(found, lit, k / RATE) is maximum
         lights.take(found, np.where(found.assignment >= 0, given, 1.0), lit, k / RATE)
         anew = ForeignLights(7)
         anew.own, anew.met, anew.seen, anew.time = lights.own, lights.met, lights.seen, lights.time
         assert lights.holds == anew.holds < 1.0
-        np.testing.assert_array_equal(lights.most(found, lit, (k + 1) / RATE), anew.most(found, lit, (k + 1) / RATE))
+        np.testing.assert_array_equal(
+            lights.maximum(found, lit, (k + 1) / RATE), anew.maximum(found, lit, (k + 1) / RATE)
+        )

@@ -106,7 +106,7 @@ def test_in_one_image_of_hyperedges(weighed: bool) -> None:
     sets = solve_minimal_sets(model, rows, 4)
     assert compared(model, sets) >= 4
     if not weighed:
-        first, *_ = gather_assignments(model, sets.alone, least=4, most=2).assignments
+        first, *_ = gather_assignments(model, sets.alone, minimum=4, maximum=2).assignments
         assert ((first == scene.truth) | (first < 0)).all()
         assert (first >= 0).sum() >= 7
 

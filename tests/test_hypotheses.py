@@ -238,7 +238,7 @@ def test_without_a_floor_all_and_only_the_sets_whose_predictions_are_met_survive
     points = np.array(list(combinations(range(n), m)), dtype=np.int64)
     sets = prepare_sets(tables, points, remaining_points(points, n), np.zeros(len(points), np.int64))
     arrangements = np.array(list(permutations(range(n_target), m - 1)), dtype=np.int32)
-    rules = SequentialTest(hit=1.0, fall=0.5, miss=-1.0, floor=-100.0, least=n, normals=False)
+    rules = SequentialTest(hit=1.0, fall=0.5, miss=-1.0, floor=-100.0, minimum=n, normals=False)
     tasks = len(points) * len(arrangements)
     found, ratios, counts = run_sequential_tests(
         tables, built, rules, sets, arrangements, 0, tasks, EVERYTHING, 2000, 3
@@ -282,7 +282,7 @@ def test_a_floor_saves_lookups_and_keeps_the_truth() -> None:
     arrangements = np.array(list(permutations(range(20), 2)), dtype=np.int32)
     results = {}
     for floor in (-100.0, -3.5):
-        rules = SequentialTest(hit=3.0, fall=3.0, miss=-1.8, floor=floor, least=8, normals=False)
+        rules = SequentialTest(hit=3.0, fall=3.0, miss=-1.8, floor=floor, minimum=8, normals=False)
         found, ratios, counts = run_sequential_tests(
             tables, built, rules, sets, arrangements, 0, 4 * 380, EVERYTHING, 4, 2
         )
@@ -312,7 +312,7 @@ def test_what_is_dropped_at_a_first_look_the_sequential_test_would_drop(
         tables = scene.problem.prepare(scene.source, scene.target, 1.0, facing)
         built = detection_grid.build_grid(tables.rays, 0.01)
         sets = prepare_sets(tables, points, remaining_points(points, 9), np.zeros(len(points), np.int64))
-        rules = SequentialTest(hit=3.0, fall=3.0, miss=miss, floor=-3.5, least=m + 1, normals=facing is not None)
+        rules = SequentialTest(hit=3.0, fall=3.0, miss=miss, floor=-3.5, minimum=m + 1, normals=facing is not None)
         given = tables, built, rules, sets, arrangements, 0, 4 * len(arrangements), allowed, 500, 2
         quick = run_sequential_tests(*given)
         with monkeypatch.context() as patched:
@@ -360,7 +360,7 @@ def test_sets_are_solved_with_the_detections_of_their_last_points(name: str, mon
     arrangements = np.array(list(permutations(range(18), m - 1)), dtype=np.int32)
     tables = scene.problem.prepare(scene.source, scene.target)
     sets = prepare_sets(tables, points, remaining_points(points, 9), np.zeros(len(points), np.int64))
-    rules = SequentialTest(hit=3.0, fall=3.0, miss=-0.4, floor=-3.5, least=m + 1, normals=False)
+    rules = SequentialTest(hit=3.0, fall=3.0, miss=-0.4, floor=-3.5, minimum=m + 1, normals=False)
     built, tasks = detection_grid.build_grid(tables.rays, 0.01), 12 * len(arrangements)
     rows, counts = [], []
     for classes in (16, 0):

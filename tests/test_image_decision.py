@@ -121,7 +121,7 @@ def test_min_probability_is_the_threshold() -> None:
     """Of two detections of one point neither is sure: with a low threshold one of them is told, else none."""
     points, target, truth, _, _ = scene(1004, clutter=0)
     target = np.vstack([target, target[3] + (0.7, 0.0)])
-    told = [rm.match(points, target, rm.P3P(CAMERA), noise=0.4, min_probability=least) for least in (0.3, None)]
+    told = [rm.match(points, target, rm.P3P(CAMERA), noise=0.4, min_probability=minimum) for minimum in (0.3, None)]
     assert [match.status is rm.Status.MATCHED for match in told] == [True, True]
     assert [match.assignment[3] >= 0 for match in told] == [True, False]
     np.testing.assert_array_equal(np.delete(told[1].assignment, 3), np.delete(truth, 3))

@@ -152,7 +152,7 @@ def test_bad_points_are_named(tmp_path: Path, dimension: int, content: str, row:
     path = tmp_path / "bad.csv"
     path.write_text(content, newline="")
     with pytest.raises(InputError) as caught:
-        read_points(path, dimension, least=2)
+        read_points(path, dimension, minimum=2)
     text = str(caught.value)
     assert text.startswith(f"{path}, row {row}: " if row else f"{path}: ")
     assert words in text

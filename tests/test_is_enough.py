@@ -57,7 +57,7 @@ def test_the_worth_of_a_match_elsewhere_is_that_of_one_that_fits(detections: int
     visible, left = float(told.modes.visible[0].sum()), detections - 4
     # a detection where clutter has one in so many square pixels, against a Gaussian of its noise
     worth = np.log(1280.0 * 960.0 / detections / (2.0 * np.pi * 0.3**2)) - 1.0
-    most = min(left, visible) - 3.0
-    threshold = most * worth - 3.0 * np.log(left) + np.log(0.01)
-    assert is_search_needless(model, with_mass(told, threshold + 4.0 * most), 3)
-    assert not is_search_needless(model, with_mass(told, threshold - 4.0 * most), 3)
+    maximum = min(left, visible) - 3.0
+    threshold = maximum * worth - 3.0 * np.log(left) + np.log(0.01)
+    assert is_search_needless(model, with_mass(told, threshold + 4.0 * maximum), 3)
+    assert not is_search_needless(model, with_mass(told, threshold - 4.0 * maximum), 3)

@@ -29,7 +29,7 @@ SIGMAS = {
     "rotation": (0.0, 1e-4, 1e-2, 0.1, 0.3),
     "position": (0.0, 1e-4, 1e-3, 0.01, 0.1, 0.3),
 }
-LEAST = {"vertical": 1e-4, "rotation": 1e-6, "position": 1e-6}
+MINIMUM = {"vertical": 1e-4, "rotation": 1e-6, "position": 1e-6}
 
 
 class Scene:
@@ -138,7 +138,7 @@ def test_the_evidence_is_the_integral_with_what_is_known(kind: str, seed: int) -
     nothing, *alone = integral(scene)
     before, *_ = fitted(scene, None, (alone[0], alone[1]))
     for sigma in SIGMAS[kind]:
-        prior, width = scene.prior(kind, sigma), max(sigma, LEAST[kind])
+        prior, width = scene.prior(kind, sigma), max(sigma, MINIMUM[kind])
         expected, R, t = integral(scene, prior, width)
         found, turned, moved = fitted(scene, prior, (alone[0], alone[1]))
         close = 0.8 if kind == "position" and sigma > 0.1 else 0.3  # where `broad` changes within σ

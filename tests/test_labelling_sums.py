@@ -41,7 +41,7 @@ def model_of_sets(source: np.ndarray, target: np.ndarray, noise: tuple[float, fl
     return model
 
 
-def every_labelling(n: int, n_target: int, least: int) -> np.ndarray:
+def every_labelling(n: int, n_target: int, minimum: int) -> np.ndarray:
     """All labellings (K, n) of so many matches and more."""
     found = [np.full((1, n), -1)]
     for i in range(n):
@@ -52,7 +52,7 @@ def every_labelling(n: int, n_target: int, least: int) -> np.ndarray:
             more[:, i] = free
             parts.append(more)
         found.append(np.concatenate(parts))
-    return found[-1][(found[-1] >= 0).sum(axis=1) >= least]
+    return found[-1][(found[-1] >= 0).sum(axis=1) >= minimum]
 
 
 def gibbs_marginals(model: PointSetModel, start: np.ndarray, sweeps: int) -> np.ndarray:
@@ -79,7 +79,7 @@ def test_sums_in_parts_are_those_of_all_assignments() -> None:
     rng = np.random.default_rng(3)
     pairs = np.array([(0, 0), (0, 1), (1, 1), (2, 3), (3, 3), (3, 4), (4, 2), (5, 5)])
     log_odds = rng.normal(0.5, 2.0, (2, len(pairs)))
-    sums = sum_matchings_by_part(log_odds, *pairs.T, least=-50.0)
+    sums = sum_matchings_by_part(log_odds, *pairs.T, minimum=-50.0)
     place = np.full((6, 6), -1)
     place[tuple(pairs.T)] = np.arange(len(pairs))
     every = every_labelling(6, 6, FEWEST)

@@ -106,7 +106,7 @@ def test_what_is_beside_the_line_is_found_however_wrong_the_turn_was_predicted(s
     model = make_detection_model(MatchingTask.of(rm.P3P(CAMERA), WAND, target, noise=NOISE, prior=known))
     row = np.array([0, 1, 2, 3, -1])
     beside = Proposals(row[None], turned[None], (t + turned @ model.centre)[None])
-    modes = find_modes(model, beside, least=-math.inf)
+    modes = find_modes(model, beside, minimum=-math.inf)
     assert (modes.assignments[0] == row).all()
     found = turn_about_lines(model, modes)
     whole = (found.assignments == np.arange(5)).all(axis=1)
@@ -114,4 +114,4 @@ def test_what_is_beside_the_line_is_found_however_wrong_the_turn_was_predicted(s
     assert off.min() < 0.2, "the prediction pulls"
     sure = modes._replace(covariance=1e-6 * modes.covariance)
     assert not len(turn_about_lines(model, sure).assignments)
-    assert not len(turn_about_lines(model, find_modes(model, found.take(whole), least=-math.inf)).assignments)
+    assert not len(turn_about_lines(model, find_modes(model, found.take(whole), minimum=-math.inf)).assignments)

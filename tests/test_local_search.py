@@ -88,7 +88,7 @@ def test_local_tests_are_those_of_all_images_that_are_near(visible: float) -> No
     others = nearest_other_points(points, search.neighbours)
     sets = prepare_sets(search.tables, points, others, np.zeros(len(points), np.int64))
     near = level.ring.near
-    test = sequential_test(search.clutter, visible, 0, least=4, normals=False)
+    test = sequential_test(search.clutter, visible, 0, minimum=4, normals=False)
     assert (lookups_before_dropped(test, others.shape[1], 3) >= ALONG) == (visible < 0.5)
     survivors, ratios, counts = run_listed_tests(
         search.tables, search.grid, test, sets, level.ring, allowed=search.allowed, keep=500, chunks=2

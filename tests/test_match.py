@@ -259,7 +259,7 @@ def test_all_is_looked_at_where_a_search_finds_nothing_that_stands_out() -> None
     assert match.status is rm.Status.UNTRUSTED
     # unless the caller allows fewer
     scene, unrelated = p3p_scene(12, noise=0.5, seed=3), np.random.default_rng(0).uniform(0.0, 600.0, (12, 2))
-    most = exhaustive_count(12, 12, 4) - 1
-    limited = rm.match(scene.source, unrelated, scene.problem, noise=0.5, max_evaluations=most)
-    assert limited.evaluated < most
+    maximum = exhaustive_count(12, 12, 4) - 1
+    limited = rm.match(scene.source, unrelated, scene.problem, noise=0.5, max_evaluations=maximum)
+    assert limited.evaluated < maximum
     assert limited.status is rm.Status.UNTRUSTED

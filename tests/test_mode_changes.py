@@ -31,8 +31,8 @@ def all_at_once(given: Integers, changed: Integers) -> tuple[Integers, int]:
 
 @pytest.mark.parametrize("weighed", [False, True])
 @pytest.mark.parametrize("may_lose", [False, True])
-@pytest.mark.parametrize("most", [1, 4, 200])
-def test_changes_are_the_likely_neighbours(weighed: bool, may_lose: bool, most: int) -> None:
+@pytest.mark.parametrize("maximum", [1, 4, 200])
+def test_changes_are_the_likely_neighbours(weighed: bool, may_lose: bool, maximum: int) -> None:
     """Of assignments that fit, and of ones of which parts do not."""
     more: dict[str, object] = {"log_weights": WEIGHTS, "allowed": WEIGHTS > -1.0} if weighed else {}
     together = 0
@@ -52,7 +52,7 @@ def test_changes_are_the_likely_neighbours(weighed: bool, may_lose: bool, most: 
         known = model.gating_image
         points = at.pixels[0], at.jacobian[0], np.empty((0, 2, 2)), rng.uniform(0.2, 1.0, 6), at.seen[0]
         columns, gains, order, changed = likely_mode_changes(
-            assignment, points, covariance, (*known, log_counts, image_of), (rate, -9.0, may_lose, most, 3)
+            assignment, points, covariance, (*known, log_counts, image_of), (rate, -9.0, may_lose, maximum, 3)
         )
         every, matches = np.empty((6, 9)), np.bincount(image_of[assignment[assignment >= 0]], minlength=2)
         log_count = np.array([np.diff(log_counts[k])[max(matches[k], 1) - 1] for k in image_of])
@@ -68,7 +68,7 @@ def test_changes_are_the_likely_neighbours(weighed: bool, may_lose: bool, most: 
         likely = (value > -9.0) & (may_lose | ~fewer)
         assert len(gains) == likely.sum()
         np.testing.assert_allclose(np.sort(gains), np.sort(value[likely]), rtol=1e-9, atol=1e-6)
-        np.testing.assert_array_equal(gains[order], np.sort(gains)[::-1][:most])
+        np.testing.assert_array_equal(gains[order], np.sort(gains)[::-1][:maximum])
         rows = {row.tobytes(): gain for row, gain in zip(neighbours[likely], value[likely], strict=True)}
         for row, gain in zip(changed[: len(order)], gains[order], strict=True):
             assert rows.pop(row.tobytes()) == pytest.approx(gain, rel=1e-9, abs=1e-6)
@@ -77,7 +77,7 @@ def test_changes_are_the_likely_neighbours(weighed: bool, may_lose: bool, most: 
         np.testing.assert_array_equal(changed[len(order) :], np.array(expected).reshape(-1, 6))
         together += len(expected)
         assert columns.shape[1] >= len(gains)
-    assert most == 1 or together > 0
+    assert maximum == 1 or together > 0
 
 
 def test_there_is_room_for_any_number_of_changes() -> None:

@@ -146,17 +146,17 @@ class Sampled:
 
 
 @pytest.mark.parametrize(
-    ("count", "normals", "most"), [(4, True, 0.9), (5, True, 0.6), (5, False, 0.4), (8, False, 0.3)]
+    ("count", "normals", "maximum"), [(4, True, 0.9), (5, True, 0.6), (5, False, 0.4), (8, False, 0.3)]
 )
-def test_laplace_is_near_the_integral_over_poses(count: int, normals: bool, most: float) -> None:
+def test_laplace_is_near_the_integral_over_poses(count: int, normals: bool, maximum: float) -> None:
     errors = []
     for seed in range(1000, 1004):
         model, R, position, assignment = made(seed, count, normals=normals)
         found, R, position = best(model, R, position, assignment)
         exact = Sampled(model).log_odds(R, position, found.covariance[0], assignment)
         errors.append(float(found.log_odds[0]) - exact)
-    assert np.abs(errors).max() < most, errors
-    assert abs(np.median(errors)) < 0.5 * most, errors
+    assert np.abs(errors).max() < maximum, errors
+    assert abs(np.median(errors)) < 0.5 * maximum, errors
 
 
 TURN, MOVE = 0.01, 0.002

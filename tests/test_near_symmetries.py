@@ -18,8 +18,8 @@ from rootmatch.model.near_symmetries import (
     DISTINCT,
     FACING,
     LAW,
-    MOST,
-    MOST_POINTS,
+    MAX_POINTS,
+    MAXIMUM,
     TOLERANCE,
     find_symmetries,
 )
@@ -130,7 +130,7 @@ def test_those_of_all_triples_are_found(name: str, mirrored: bool) -> None:
     source = BODIES[name]
     expected = all_symmetries(source, mirrored=mirrored)
     found = [one for one in find_symmetries(source, None, mirrored) if one.mapped_count >= LAW]
-    assert [one.mapped_count for one in found] == [count for count, _ in expected][:MOST]
+    assert [one.mapped_count for one in found] == [count for count, _ in expected][:MAXIMUM]
     for one in found:
         alike = [Rotation.from_matrix(one.rotation @ R.T).magnitude() < 0.02 for _, R in expected]
         assert sum(alike) == 1
@@ -267,7 +267,7 @@ def test_points_that_are_near_each_other_are_told_apart_where_most_are_not() -> 
 
 def test_what_is_never_symmetric_and_that_each_body_is_asked_once() -> None:
     assert find_symmetries(CUBE[:3], None) == ()
-    assert find_symmetries(np.tile(np.arange(MOST_POINTS + 1.0)[:, None], 3), None) == ()
+    assert find_symmetries(np.tile(np.arange(MAX_POINTS + 1.0)[:, None], 3), None) == ()
     assert find_symmetries(np.arange(8.0)[:, None] * [1.0, 2.0, 3.0], None) == ()  # in line: no triple has a plane
     assert find_symmetries(CUBE, None) is find_symmetries(CUBE.copy(), None)
     with pytest.raises(ValueError, match="read-only"):

@@ -72,8 +72,8 @@ def test_neighbours_are_all_assignments_at_one_change(n: int, n_target: int, res
         assert [tuple(row) for row in some.apply_to(np.array(before)).tolist()] == rows[::2]
 
 
-@pytest.mark.parametrize("least", [-np.inf, -1.0, 0.5])
-def test_likely_changes_are_the_neighbours_that_gain_enough(least: float) -> None:
+@pytest.mark.parametrize("minimum", [-np.inf, -1.0, 0.5])
+def test_likely_changes_are_the_neighbours_that_gain_enough(minimum: float) -> None:
     rng = np.random.default_rng(3)
     for before in one_to_one(4, 3):
         assignment, gains = np.array(before), rng.normal(size=(4, 3))
@@ -81,8 +81,8 @@ def test_likely_changes_are_the_neighbours_that_gain_enough(least: float) -> Non
         after = every.apply_to(assignment)
         added = np.where(after >= 0, gains[np.arange(4), after], 0.0).sum(axis=1)
         added -= sum(gains[i, k] for i, k in enumerate(before) if k >= 0)
-        expected = {tuple(row): gain for row, gain in zip(after.tolist(), added, strict=True) if gain > least}
-        changes, found = likely_changes(assignment, gains, least)
+        expected = {tuple(row): gain for row, gain in zip(after.tolist(), added, strict=True) if gain > minimum}
+        changes, found = likely_changes(assignment, gains, minimum)
         rows = [tuple(row) for row in changes.apply_to(assignment).tolist()]
         assert dict(zip(rows, found, strict=True)) == pytest.approx(expected)
         assert len(rows) == len(expected)

@@ -16,7 +16,7 @@ from rootmatch.explain.decide import Facts
 from rootmatch.explain.finding import Finding, make_empty_finding
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.priors import NOISE_FREEDOM
-from rootmatch.tracking.noise_scale import MOST, MOST_FREEDOM, NoiseScale
+from rootmatch.tracking.noise_scale import MAX_FREEDOM, MAXIMUM, NoiseScale
 
 POINTS, NORMALS, OWNER = controllers()
 
@@ -50,7 +50,7 @@ def test_small_residuals_do_not_make_the_stated_noise_smaller() -> None:
 
 
 @pytest.mark.parametrize(
-    "found", [told(2.0, sure=False), told(2.0, present=0.5), told(None), told(float("nan"), 0), told(1.01 * MOST)]
+    "found", [told(2.0, sure=False), told(2.0, present=0.5), told(None), told(float("nan"), 0), told(1.01 * MAXIMUM)]
 )
 def test_a_doubtful_pose_says_nothing_of_the_noise(found: Finding) -> None:
     scale = NoiseScale()
@@ -74,7 +74,7 @@ def test_what_was_long_ago_is_forgotten() -> None:
     for _ in range(100):
         scale.take(told(1.0 / scale.factor * 1.9, 50), scale.factor)
     assert scale.factor == pytest.approx(1.9, rel=0.02)
-    assert scale.residuals.freedom == pytest.approx(MOST_FREEDOM + NOISE_FREEDOM)
+    assert scale.residuals.freedom == pytest.approx(MAX_FREEDOM + NOISE_FREEDOM)
     for _ in range(200):
         scale.take(told(1.0 / scale.factor, 50), scale.factor)
     assert scale.factor == pytest.approx(1.0, abs=0.01)

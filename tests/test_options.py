@@ -24,13 +24,13 @@ from rootmatch.solvers import MultiStartAscent
 
 @dataclass(frozen=True)
 class Inner(Options):
-    part: float = option(0.5, above=0.0, most=1.0)
+    part: float = option(0.5, above=0.0, maximum=1.0)
 
 
 @dataclass(frozen=True)
 class Outer(Options):
-    count: int = option(3, least=1)
-    rate: float = option(0.1, least=0.0)
+    count: int = option(3, minimum=1)
+    rate: float = option(0.1, minimum=0.0)
     seconds: float | None = option(None, above=0.0)
     quick: bool = option(False)
     name: str = option("a")

@@ -27,7 +27,7 @@ import rootmatch
 from commands import Command, started
 from permissions import CAN_BE_BOUND, bound_by_permissions
 from rootmatch.cli.app import app
-from rootmatch.errors import MOST_QUOTED, InputError, escape_unprintable, quote_value
+from rootmatch.errors import MAX_QUOTED, InputError, escape_unprintable, quote_value
 from rootmatch.io import check_output, write_atomically, write_folder_atomically, write_table
 from rootmatch.report.pictures import match_figure, save_figure
 
@@ -96,13 +96,13 @@ def test_a_name_that_is_no_mathematics_is_drawn(tmp_path: Path, suffix: str) -> 
 def test_an_error_quotes_without_obeying() -> None:
     assert quote_value("\x1b[31m\u202ered") == r"'\x1b[31m\u202ered'"
     assert escape_unprintable("a\x1b[2Jb") == r"a\x1b[2Jb"
-    assert len(quote_value("x" * 10_000)) == MOST_QUOTED
+    assert len(quote_value("x" * 10_000)) == MAX_QUOTED
     assert quote_value(list(range(100))) == "a list of 100"
     assert quote_value(10**10_000) == "a number of thousands of digits"
     bomb: list[Any] = ["lol"]
     for _ in range(30):
         bomb = [bomb] * 8
-    assert len(quote_value(bomb)) <= MOST_QUOTED
+    assert len(quote_value(bomb)) <= MAX_QUOTED
 
 
 @UNIX

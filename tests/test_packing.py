@@ -15,11 +15,11 @@ from rootmatch.solvers.packing.solver import GroupPacking, weight_inside_groups
 from rootmatch.solvers.packing.tabu_search import search_packing
 
 
-def best_by_trying(elements: np.ndarray, values: np.ndarray, most: int) -> float:
+def best_by_trying(elements: np.ndarray, values: np.ndarray, maximum: int) -> float:
     """The largest total value of disjoint sets, by trying all."""
     sets = [set(row[row >= 0].tolist()) for row in elements]
     best = 0.0
-    for size in range(1, most + 1):
+    for size in range(1, maximum + 1):
         for chosen in combinations(range(len(sets)), size):
             union = set().union(*(sets[g] for g in chosen))
             if len(union) == sum(len(sets[g]) for g in chosen):
@@ -42,21 +42,21 @@ def are_disjoint(sets: np.ndarray) -> bool:
     return len(set(used.tolist())) == len(used)
 
 
-@pytest.mark.parametrize("most", [1, 3, 12])
-def test_both_searches_find_the_best_of_few(most: int) -> None:
+@pytest.mark.parametrize("maximum", [1, 3, 12])
+def test_both_searches_find_the_best_of_few(maximum: int) -> None:
     for seed in range(15):
         elements, values = few_sets(np.random.default_rng(seed))
-        best = best_by_trying(elements, values, min(most, 10))
-        relaxed = relaxation(elements, values, 10, most)
+        best = best_by_trying(elements, values, min(maximum, 10))
+        relaxed = relaxation(elements, values, 10, maximum)
         assert relaxed.bound >= best - 1e-9
         for chosen in (
-            search_packing(elements, values, 10, most, np.zeros(12, bool), 300),
-            find_packing_above(0.0, elements, relaxed, most, 100_000),  # from nothing
+            search_packing(elements, values, 10, maximum, np.zeros(12, bool), 300),
+            find_packing_above(0.0, elements, relaxed, maximum, 100_000),  # from nothing
         ):
             assert are_disjoint(elements[chosen])
-            assert chosen.sum() <= most
+            assert chosen.sum() <= maximum
             assert values[chosen].sum() == pytest.approx(best)
-        assert not find_packing_above(best + 1e-6, elements, relaxed, most, 100_000).any()
+        assert not find_packing_above(best + 1e-6, elements, relaxed, maximum, 100_000).any()
 
 
 def some_motions(seed: int, groups: int) -> tuple[np.ndarray, np.ndarray]:
@@ -71,21 +71,23 @@ def some_motions(seed: int, groups: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("most", [7, 60])
-def test_best_packing_is_that_of_an_integer_programme(seed: int, most: int) -> None:
+@pytest.mark.parametrize("maximum", [7, 60])
+def test_best_packing_is_that_of_an_integer_programme(seed: int, maximum: int) -> None:
     elements, values = some_motions(seed, 100)
-    relaxed = relaxation(elements, values, 60, most)
-    chosen = best_packing(elements, values, relaxed, most, round_relaxation(elements, values, relaxed, most), 1_000_000)
+    relaxed = relaxation(elements, values, 60, maximum)
+    chosen = best_packing(
+        elements, values, relaxed, maximum, round_relaxation(elements, values, relaxed, maximum), 1_000_000
+    )
     matrix = np.zeros((61, len(values)))
     for g, row in enumerate(elements):
         matrix[row[row >= 0], g] = 1.0
     matrix[60] = 1.0
     solved = milp(
         -values, integrality=np.ones(len(values)), bounds=Bounds(0, 1),
-        constraints=LinearConstraint(matrix, -np.inf, np.append(np.ones(60), most)), options={"mip_rel_gap": 1e-9},
+        constraints=LinearConstraint(matrix, -np.inf, np.append(np.ones(60), maximum)), options={"mip_rel_gap": 1e-9},
     )  # fmt: skip
     assert (matrix[:60] @ chosen).max() <= 1.0
-    assert chosen.sum() <= most
+    assert chosen.sum() <= maximum
     assert values[chosen].sum() == pytest.approx(-solved.fun, rel=1e-6)
 
 

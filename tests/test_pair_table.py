@@ -154,7 +154,7 @@ def test_next_starts_against_the_definition(known):
                 chosen.append(int(c))
         left = open_ & far
         left[chosen] = False
-        np.testing.assert_array_equal(next_starts(candidates, open_, images, 6, least=2, count=count), chosen)
+        np.testing.assert_array_equal(next_starts(candidates, open_, images, 6, minimum=2, count=count), chosen)
         np.testing.assert_array_equal(open_, left)
 
 
@@ -164,8 +164,8 @@ def test_candidates_within_assignments_against_the_definition():
     images = np.array([rng.permutation(6)[:5] for _ in range(4)])
     images[1, 2] = images[2, 0] = -1
     sets = [{i * 6 + k for i, k in enumerate(image) if k >= 0} for image in images]
-    for least in (1, 2, 3):
-        expected = [any(len(set(c) & s) >= least for s in sets) for c in candidates.tolist()]
-        np.testing.assert_array_equal(lies_within_assignments(candidates, images, 6, least), expected)
+    for minimum in (1, 2, 3):
+        expected = [any(len(set(c) & s) >= minimum for s in sets) for c in candidates.tolist()]
+        np.testing.assert_array_equal(lies_within_assignments(candidates, images, 6, minimum), expected)
         assert 0 < sum(expected) < 200
     assert not lies_within_assignments(candidates, images[:0], 6, 2).any()

@@ -139,14 +139,14 @@ def test_calibration(noise: float, tolerance: float) -> None:
     assert np.mean(np.concatenate(wrong) < 3.5) < 0.05
 
 
-@pytest.mark.parametrize(("outliers", "noise", "least"), [(0, 0.5, 0.97), (5, 0.3, 0.95)])
-def test_match(outliers: int, noise: float, least: float) -> None:
+@pytest.mark.parametrize(("outliers", "noise", "minimum"), [(0, 0.5, 0.97), (5, 0.3, 0.95)])
+def test_match(outliers: int, noise: float, minimum: float) -> None:
     accuracy = []
     for seed in range(12):
         scene = robot_scenes.robot(10, outliers, noise, seed, tilt=0.2)
         found = match(scene.source, scene.target, problem_of(scene), noise=noise)
         accuracy.append(np.mean(found.assignment == scene.truth))
-    assert np.mean(accuracy) >= least
+    assert np.mean(accuracy) >= minimum
 
 
 def test_a_robot_among_few_points_and_clutter() -> None:

@@ -40,8 +40,8 @@ def test_no_library_finds_a_better_pose() -> None:
     peers = pytest.importorskip("pose_peers")
     for seed in range(64):
         shape, ours, theirs = peers.compared(seed)
-        for name, least in theirs.items():
-            assert ours <= least * (1.0 + 1e-9), (seed, shape, name)
+        for name, minimum in theirs.items():
+            assert ours <= minimum * (1.0 + 1e-9), (seed, shape, name)
 
 
 def cost_by_scipy(scene: PoseScene) -> float:

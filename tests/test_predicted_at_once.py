@@ -173,7 +173,7 @@ def test_a_prediction_with_nothing_near(monkeypatch: pytest.MonkeyPatch) -> None
     far = replace(model, target=model.target + 5000.0)
     for one in (far, by_numpy(far)):
         assert prediction.propose_about(one, guess) is None
-    monkeypatch.setattr(prediction, "MOST_PAIRS", 1)
+    monkeypatch.setattr(prediction, "MAX_PAIRS", 1)
     for one in (model, by_numpy(model)):
         assert prediction.propose_about(one, guess) is None
 

@@ -206,7 +206,7 @@ def test_what_is_declared_fits_together(case: Case) -> None:
     assert problem.order == problem.minimal + 1
     assert case.source.shape[1] == problem.source_dimension
     assert case.target.shape[1] == problem.target_dimension
-    assert problem.least_for_pose == 0 or problem.least_for_pose >= problem.minimal
+    assert problem.min_for_pose == 0 or problem.min_for_pose >= problem.minimal
     assert len(case.kernels.residuals) == len(KINDS)
     assert 1 <= problem.constraints <= problem.pair_count
 
@@ -241,7 +241,7 @@ def test_matcher_takes_frames_of_any_size(name: str, case: Case) -> None:
 
 def test_poses(name: str, case: Case) -> None:
     match = plain_match(name)
-    if not case.problem.least_for_pose:
+    if not case.problem.min_for_pose:
         assert match.pose is None
         refused("pose", case, lambda: match.poses)
         refused("pose", case, lambda: match.alternative_poses)
@@ -277,7 +277,7 @@ def test_poses(name: str, case: Case) -> None:
     np.testing.assert_array_equal(match.poses[0].R, R)  # type: ignore[union-attr]
     assert len(match.alternative_poses) == len(match.alternatives)
     few = match.assignment.copy()
-    few[case.problem.least_for_pose - 1 :] = -1
+    few[case.problem.min_for_pose - 1 :] = -1
     assert match.poses_of(few) == [None]
     with pytest.raises(rm.InputError, match="assignment: "):
         match.poses_of(few[:-1])
@@ -451,14 +451,14 @@ def test_json(name: str, case: Case) -> None:
     assert record["assignment"] == case.truth.tolist()
     assert record["status"] == "matched"
     assert record["noise"] == case.noise
-    assert (record["poses"] is not None) == bool(case.problem.least_for_pose)
+    assert (record["poses"] is not None) == bool(case.problem.min_for_pose)
     each = case.match(noise=np.full(case.n_target, case.noise))
     assert json.loads(json.dumps(match_record(each), allow_nan=False))["noise"] is None
 
 
 def test_picture(name: str, case: Case) -> None:
     match = plain_match(name)
-    poses = match.poses if case.problem.least_for_pose else None
+    poses = match.poses if case.problem.min_for_pose else None
     camera = getattr(case.problem, "camera", None)
     figure = match_figure(
         match.source,

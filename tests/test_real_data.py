@@ -83,8 +83,8 @@ def test_dots_among_twice_as_many_real_false_detections(load_shared: Load, view:
     assert np.mean(match.assignment == truth + 40) >= 0.95
 
 
-@pytest.mark.parametrize(("vertical", "least"), [("gravity_cam", 0.97), ("gravity_cam_measured", 0.93)])
-def test_upright_camera_before_a_facade(load_shared: Load, vertical: str, least: float) -> None:
+@pytest.mark.parametrize(("vertical", "minimum"), [("gravity_cam", 0.97), ("gravity_cam_measured", 0.93)])
+def test_upright_camera_before_a_facade(load_shared: Load, vertical: str, minimum: float) -> None:
     data = load_shared("berlin_facade")
     right = []
     for seed in range(6):
@@ -102,7 +102,7 @@ def test_upright_camera_before_a_facade(load_shared: Load, vertical: str, least:
             data["points3d"][chosen[:15]], data["points2d"][view][chosen][order], problem, noise=data["rms_px"][view]
         )
         right.append(np.mean(match.assignment == np.argsort(order)[:15]))
-    assert np.mean(right) >= least
+    assert np.mean(right) >= minimum
 
 
 def test_two_boards_in_one_image(load_shared: Load) -> None:

@@ -14,7 +14,7 @@ from rootmatch.model.point_set_posterior import weigh_point_set_posterior
 from rootmatch.model.repetition import find_repetition
 from rootmatch.model.targets_box import view_probability_among
 from rootmatch.problems.points import PointClouds
-from rootmatch.samplers.point_sets.congruent import MOST_KEPT, congruent_labellings
+from rootmatch.samplers.point_sets.congruent import MAX_KEPT, congruent_labellings
 
 SIGMA = 0.03
 ROOM = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 5.0], [0.0, 5.0], [1.5, 0.0], [2.4, 0.0]])
@@ -148,7 +148,7 @@ def test_labellings_that_are_kept_are_near_their_motions() -> None:
     for seed in (1, 3, 24):
         source, target, truth = rooms(seed)
         found = congruent_labellings(clouds_of(source, target), False).proper
-        assert len(found) == MOST_KEPT
+        assert len(found) == MAX_KEPT
         assert (((found == truth) & (truth >= 0)).sum(axis=1) >= 0.8 * (truth >= 0).sum()).any()
 
 

@@ -132,9 +132,9 @@ class TestResultants:
         for _ in range(200):
             instance = instances.up2p_angle_pi(rng, 3, 0.02, any_vertical=False)
             target = instance.target + 0.5 * rng.normal(size=(3, 2))
-            least = residual(instance, target, SVD())
-            one.append(residual(instance, target, QR()) / least)
-            both.append(residual(instance, target, QRBoth()) / least)
+            minimum = residual(instance, target, SVD())
+            one.append(residual(instance, target, QR()) / minimum)
+            both.append(residual(instance, target, QRBoth()) / minimum)
         assert np.median(one) > 50.0
         assert np.median(both) < 4.0
 

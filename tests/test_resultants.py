@@ -25,7 +25,7 @@ Pair = tuple[np.ndarray, np.ndarray]
 UNIT = {degree: make_last_entry_kernel(degree) for degree in (4, 2)}
 LESSER = {degree: make_lesser_entry_kernel(degree) for degree in (4, 2)}
 ABOUT_ONE, LESSER_ABOUT_ONE = (make(4, about_one=True) for make in (make_last_entry_kernel, make_lesser_entry_kernel))
-LEAST = {4: smallest_singular_value_quartic, 2: smallest_singular_value_quadratic}
+MINIMUM = {4: smallest_singular_value_quartic, 2: smallest_singular_value_quadratic}
 
 
 def sylvester(p: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -141,7 +141,7 @@ class TestAgainstFactorisations:
     def test_least_singular_value(self, family: Callable[..., Pair], degree: int) -> None:
         for p, q in pairs(family, degree):
             scale = max(np.linalg.norm(p), np.linalg.norm(q))
-            assert LEAST[degree](*p, *q) == pytest.approx(by_svd(p, q), rel=1e-12, abs=3e-15 * scale)
+            assert MINIMUM[degree](*p, *q) == pytest.approx(by_svd(p, q), rel=1e-12, abs=3e-15 * scale)
 
     def test_the_lesser_stays_near_the_least_singular_value(self, degree: int) -> None:
         """At a common root |R| = σ ‖y‖ / |y_last|, and one of the two orders has |y_last| as its largest entry."""
@@ -151,9 +151,9 @@ class TestAgainstFactorisations:
             x = 10.0 ** rng.uniform(-1.5, 1.5)
             p = unit(np.polymul([1.0, -x], rng.normal(size=degree)))
             q = unit(np.polymul([1.0, -x * (1.0 + 1e-6)], rng.normal(size=degree)))
-            least = by_svd(p, q)
-            assert LESSER[degree](*p, *q) < 1.01 * math.sqrt(2 * degree) * least
-            one.append(UNIT[degree](*p, *q) / least)
+            minimum = by_svd(p, q)
+            assert LESSER[degree](*p, *q) < 1.01 * math.sqrt(2 * degree) * minimum
+            one.append(UNIT[degree](*p, *q) / minimum)
         assert max(one) > 30.0
 
     def test_nothing_known_is_not_agreement(self, degree: int) -> None:
@@ -163,7 +163,7 @@ class TestAgainstFactorisations:
         for first, second in ((zero, p), (p, zero), (zero, zero)):
             assert UNIT[degree](*first, *second) == NO_INFORMATION > math.sqrt(2.0)
             assert LESSER[degree](*first, *second) == NO_INFORMATION
-            assert LEAST[degree](*first, *second) == pytest.approx(0.0, abs=1e-15)
+            assert MINIMUM[degree](*first, *second) == pytest.approx(0.0, abs=1e-15)
 
     def test_a_common_root_at_infinity(self, degree: int) -> None:
         """Both leading coefficients 0: the closed form sees the common root as σ_min does; QR finds its 0 earlier."""
@@ -172,7 +172,7 @@ class TestAgainstFactorisations:
         p[0] = q[0] = 0.0
         assert UNIT[degree](*p, *q) == 0.0
         assert LESSER[degree](*p, *q) == 0.0
-        assert LEAST[degree](*p, *q) == pytest.approx(0.0, abs=1e-15)
+        assert MINIMUM[degree](*p, *q) == pytest.approx(0.0, abs=1e-15)
 
     def test_proportional_polynomials_agree(self, degree: int) -> None:
         p = np.arange(1.0, degree + 2.0)

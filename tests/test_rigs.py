@@ -149,14 +149,14 @@ def test_the_fit_of_sightings_is_the_least_of_their_squared_deviations() -> None
         in_camera = [rig.rotations[c] @ x + rig.translations[c] for c, x in zip(k, X, strict=True)]
         return (LENS.project(np.array(in_camera)) - rows[truth[k, i], :2]).ravel() / 0.5
 
-    least = least_squares(deviations, np.zeros(6))
+    minimum = least_squares(deviations, np.zeros(6))
     error = np.concatenate([
-        Rotation.from_matrix(Rotation.from_rotvec(least.x[:3]).as_matrix() @ R @ proposals.rotation[0].T).as_rotvec(),
-        t + least.x[3:] - (proposals.position[0] - proposals.rotation[0] @ model.centre),
+        Rotation.from_matrix(Rotation.from_rotvec(minimum.x[:3]).as_matrix() @ R @ proposals.rotation[0].T).as_rotvec(),
+        t + minimum.x[3:] - (proposals.position[0] - proposals.rotation[0] @ model.centre),
     ])  # fmt: skip
-    covariance = np.linalg.inv(least.jac.T @ least.jac)
+    covariance = np.linalg.inv(minimum.jac.T @ minimum.jac)
     assert np.abs(error / np.sqrt(np.diag(covariance))).max() < 0.05
-    assert found.squared[0] == pytest.approx(2.0 * least.cost, rel=1e-3)
+    assert found.squared[0] == pytest.approx(2.0 * minimum.cost, rel=1e-3)
     step = 1e-6
     for parameter in range(6):
         change = step * np.eye(6)[parameter]

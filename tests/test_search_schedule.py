@@ -225,7 +225,7 @@ def test_of_several_predictions_no_more_is_weighed_than_of_one_but_two_of_each(m
     crowd = CAMERA.project(rng.uniform((-0.1, -0.1, 0.9), (0.1, 0.1, 1.1), (40, 3)))
     tracker.update(crowd, time=0.4)
     first = next(one for one in weighed if len(one) >= 3)
-    assert max(first[:3]) <= image_hypotheses.MOST_PREDICTED // 3
+    assert max(first[:3]) <= image_hypotheses.MAX_PREDICTED // 3
 
 
 def in_hall(rng: np.random.Generator, built: np.ndarray, k: int, shown: float) -> tuple[list[np.ndarray], np.ndarray]:

@@ -41,7 +41,7 @@ def wand(seed: int, strays: int = 2) -> tuple[MatchingTask, np.ndarray]:
     return MatchingTask.of(rm.P3P(CAMERA), points, target, noise=SIGMA), np.argsort(order)[:6]
 
 
-def least_chi2(task: MatchingTask, truth: np.ndarray, R: np.ndarray, position: np.ndarray) -> float:
+def min_chi2(task: MatchingTask, truth: np.ndarray, R: np.ndarray, position: np.ndarray) -> float:
     """The least χ² of an assignment, from a pose of the points' centre."""
     places = task.points.source - task.points.source.mean(axis=0)
 
@@ -60,7 +60,7 @@ def test_of_nearly_collinear_points(seed: int) -> None:
     k = int(np.flatnonzero((modes.assignments == truth).all(axis=1))[0])
     R, position = modes.rotation[k], modes.position[k]
     chi2 = squared_deviations(model, truth[None], model.linearise_about(R[None], position[None]))[0]
-    assert chi2 < least_chi2(task, truth, R, position) + FAR
+    assert chi2 < min_chi2(task, truth, R, position) + FAR
 
 
 def test_a_hypothesis_settles_as_it_does_by_itself() -> None:

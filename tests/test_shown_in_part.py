@@ -51,28 +51,28 @@ def test_what_images_may_show_of_a_copy_by_enumeration() -> None:
     task = MatchingTask.of(rm.P3P(rm.Rig(views)), points, rows, noise=0.3, options=options)
     shown = ShownOfCopy.of(Candidate.make_model(task), counts, 8, 10.0)
 
-    def of_image(chance: float, count: int, most: int) -> float:
-        own = [comb(5, k) * chance**k * (1.0 - chance) ** (5 - k) for k in range(most + 1)]
-        ways = [exp(lgamma(count + 1) - lgamma(count - k + 1) + lgamma(count - k + 0.5)) for k in range(most + 1)]
+    def of_image(chance: float, count: int, maximum: int) -> float:
+        own = [comb(5, k) * chance**k * (1.0 - chance) ** (5 - k) for k in range(maximum + 1)]
+        ways = [exp(lgamma(count + 1) - lgamma(count - k + 1) + lgamma(count - k + 0.5)) for k in range(maximum + 1)]
         return float(np.dot(own, ways)) / exp(lgamma(count + 0.5))
 
     def odds(first: int, second: int) -> float:
         cases = [(0.9, rate), *((0.1 / 3.0, part * rate) for part in IN_SIGHT)]
         return sum(weight * of_image(each, 4, first) * of_image(each, 3, second) for weight, each in cases)
 
-    for most in ((4, 3), (3, 3), (3, 2)):
-        assert shown.unmet_odds(np.array(most)) == pytest.approx(odds(*most) - odds(2, 2), rel=1e-6)
+    for maximum in ((4, 3), (3, 3), (3, 2)):
+        assert shown.unmet_odds(np.array(maximum)) == pytest.approx(odds(*maximum) - odds(2, 2), rel=1e-6)
     assert shown.unmet_odds(np.array([2, 2])) == 0.0
 
 
 def test_few_detected_points_by_enumeration() -> None:
     rng = np.random.default_rng(0)
-    chance, weights, counts, most = rng.uniform(0.1, 0.9, (3, 2, 4)), np.array([0.2, 0.5, 0.3]), (3, 1), 2
+    chance, weights, counts, maximum = rng.uniform(0.1, 0.9, (3, 2, 4)), np.array([0.2, 0.5, 0.3]), (3, 1), 2
 
     def of_image(case: int, image: int) -> tuple[float, Floats]:
         """Sum over what is detected of an image, and over that without each point."""
         total, without = 0.0, np.zeros(4)
-        for k in range(most + 1):
+        for k in range(maximum + 1):
             ways = len(list(permutations(range(counts[image]), k)))
             odds = np.exp(lgamma(counts[image] - k + 0.5) - lgamma(counts[image] + 0.5)) if ways else 0.0
             for some in combinations(range(4), k):
@@ -87,21 +87,21 @@ def test_few_detected_points_by_enumeration() -> None:
         (first, of_first), (second, of_second) = of_image(case, 0), of_image(case, 1)
         whole += weight * first * second
         without += weight * np.array([of_first * second, first * of_second])
-    odds, share = odds_of_few(chance.transpose(1, 2, 0), weights, np.array(counts), most)
+    odds, share = odds_of_few(chance.transpose(1, 2, 0), weights, np.array(counts), maximum)
     assert odds == pytest.approx(whole)
     np.testing.assert_allclose(share, without.reshape(-1) / whole)
 
 
 def test_what_may_be_hidden_as_a_whole_is_summed_over_what_is_ever_visible() -> None:
     rng = np.random.default_rng(1)
-    visible, rates, most = rng.uniform(0.0, 1.0, (3, 8)) * (rng.random(8) < 0.7), np.array([0.4, 0.95]), 2
-    few = count_distributions(visible, rates, 2, most)
+    visible, rates, maximum = rng.uniform(0.0, 1.0, (3, 8)) * (rng.random(8) < 0.7), np.array([0.4, 0.95]), 2
+    few = count_distributions(visible, rates, 2, maximum)
     each = np.outer(rates, (1.0, *IN_SIGHT)).reshape(-1)
     chance = (visible.T[:, :, None] * each).reshape(2, 4, -1)
     assert SIGHT.sum() == pytest.approx(1.0)
     for counts in (np.array([3, 1]), np.array([0, 2])):
-        odds = (count_ways_to_own(counts, most) * few).sum(axis=0).prod(axis=0)
-        np.testing.assert_allclose(np.log(odds), sum_small_subsets(chance, counts, most)[0])
+        odds = (count_ways_to_own(counts, maximum) * few).sum(axis=0).prod(axis=0)
+        np.testing.assert_allclose(np.log(odds), sum_small_subsets(chance, counts, maximum)[0])
 
 
 def test_what_is_expected_of_a_body_is_worked_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,20 +192,20 @@ def test_what_faces_away_is_not_in_view() -> None:
 
 def test_a_body_that_a_search_has_not_met_by_enumeration() -> None:
     """With the search's chance of missing what shows more than so few points, and the prior odds of that."""
-    rng, most, unmet, present = np.random.default_rng(3), 3, 0.3, 0.8 / 0.2
+    rng, maximum, unmet, present = np.random.default_rng(3), 3, 0.3, 0.8 / 0.2
     points, target = rng.uniform(-0.05, 0.05, (5, 3)), rng.uniform((0, 0), (640, 480), (7, 2))
     model = DetectionModel(CAMERA, points, target, np.full(7, 0.3))
-    few, more = FewShown(model, most, np.array([7])), np.zeros(2)
+    few, more = FewShown(model, maximum, np.array([7])), np.zeros(2)
     rates = np.outer(model.rate_quadrature[0], (1.0, *IN_SIGHT)).reshape(1, 1, -1).repeat(5, axis=1)
     cases = np.outer(np.exp(model.rate_quadrature[1]), SIGHT).reshape(-1)
     for chance, weight in zip(rates[0].T, cases, strict=True):
-        for k in range(most + 1, 6):
+        for k in range(maximum + 1, 6):
             for some in combinations(range(5), k):
                 own = np.isin(np.arange(5), some)
                 each = weight * np.prod(np.where(own, chance, 1.0 - chance))
                 more += each, each * (0 not in some)
     known = few.undetected_probability()[0]
-    odds = odds_of_few(rates, cases, np.array([7]), most)[0] * present
+    odds = odds_of_few(rates, cases, np.array([7]), maximum)[0] * present
     expected = (known * (1.0 + odds) + present * unmet * more[1]) / (1.0 + odds + present * unmet * more[0])
     assert replace(few, unmet=unmet).undetected_probability()[0] == pytest.approx(expected, abs=0.01)
     assert expected < known - 0.03

@@ -28,13 +28,13 @@ def test_ranks_that_are_looked_up_are_weights_with_support(order):
     np.testing.assert_allclose(few, expected[some], atol=1e-12)
 
 
-@pytest.mark.parametrize("most", [10**9, 400])
-def test_candidates_are_the_best_of_those_that_are_ranked(most, monkeypatch):
+@pytest.mark.parametrize("maximum", [10**9, 400])
+def test_candidates_are_the_best_of_those_that_are_ranked(maximum, monkeypatch):
     tensor = random_tensor(3, 6, 7, 3, 600)
     index = build_index(tensor, bucket_bits=12)
-    edges, ranks = rank_candidates(index, 5, most)
+    edges, ranks = rank_candidates(index, 5, maximum)
     rank = naive_support(tensor.indices, tensor.weights) + tensor.weights
-    ranked = np.arange(600) if most > 600 else rank_heaviest(index, most)[0]
+    ranked = np.arange(600) if maximum > 600 else rank_heaviest(index, maximum)[0]
     wanted = set(ranked[np.argsort(-rank[ranked])[:5]].tolist())
     for a in range(42):
         containing = ranked[(tensor.indices[ranked] == a).any(axis=1)]
@@ -97,17 +97,17 @@ def test_no_ascent_begins_beyond_the_reads_that_are_allowed():
     tensor, _ = hard()
     free = MultiStartAscent()(tensor)
     reads = int(free.statistics["reads"])
-    same = MultiStartAscent(most_reads=2 * reads)(tensor)
-    least = MultiStartAscent(most_reads=0)(tensor).statistics["reads"]
+    same = MultiStartAscent(max_reads=2 * reads)(tensor)
+    minimum = MultiStartAscent(max_reads=0)(tensor).statistics["reads"]
     assert free.converged
     assert (same.score, same.statistics) == (free.score, free.statistics)
     last = free.statistics["starts"]
     for share in (2, 5, 20, 100):
-        few = MultiStartAscent(most_reads=reads // share)(tensor)
+        few = MultiStartAscent(max_reads=reads // share)(tensor)
         assert not few.converged
         assert few.statistics["starts"] <= last
         # one ascent of each stage may go beyond
-        assert few.statistics["reads"] <= reads / share + 3 * least
+        assert few.statistics["reads"] <= reads / share + 3 * minimum
         assert few.score == pytest.approx(tensor.score(few.assignment))
         last = few.statistics["starts"]
     assert last < free.statistics["starts"]
@@ -116,7 +116,7 @@ def test_no_ascent_begins_beyond_the_reads_that_are_allowed():
 def test_without_reads_the_first_ascent_is_made_and_goes_on_with_exchanges():
     tensor, truth = hard()
     index = build_index(tensor)
-    solution = MultiStartAscent(most_reads=0)(tensor)
+    solution = MultiStartAscent(max_reads=0)(tensor)
     assert solution.statistics["starts"] >= 2
     np.testing.assert_array_equal(solution.assignment, truth)
     again = climb_from(
@@ -130,7 +130,7 @@ def test_what_is_left_out_does_not_depend_on_threads(monkeypatch):
     monkeypatch.setattr(bounded_ascents, "LOOKUPS_PER_THREAD", 100)
     indices, weights, _ = planted(9, 12, 14, 4, 20_000)
     tensor = AffinityTensor(indices, weights, (12, 14))
-    solver = MultiStartAscent(most_reads=5000)
+    solver = MultiStartAscent(max_reads=5000)
     threads, found = numba.get_num_threads(), []
     try:
         for count in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
@@ -145,7 +145,7 @@ def test_what_is_left_out_does_not_depend_on_threads(monkeypatch):
 
 def test_a_stage_is_known_by_what_its_ascents_read():
     tensor, _ = hard()
-    ascents = BoundedAscents(MultiStartAscent(most_reads=1000), build_index(tensor))
+    ascents = BoundedAscents(MultiStartAscent(max_reads=1000), build_index(tensor))
     ascents.made, ascents.reads, ascents.dearest = 1, 400, 500
     assert ascents.affordable(9, "rivals") == 1  # as dear as the dearest, until known
     ascents.mean_reads["rivals"] = 100.0

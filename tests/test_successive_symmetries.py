@@ -16,7 +16,7 @@ from rootmatch.model.near_symmetries import LAW, same_point_tolerance
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.proposals import Proposals
 from rootmatch.model.successive_symmetries import (
-    MOST_MOTIONS,
+    MAX_MOTIONS,
     compose_symmetries,
     displacements_within,
     propose_moved,
@@ -57,7 +57,7 @@ def test_all_shifts_of_a_lattice_are_among_them() -> None:
     motions = compose_symmetries(points, None)
     straight = np.einsum("mii->m", motions.rotation) > 2.99
     images = {one.tobytes() for one in motions.image[straight]}
-    assert len(motions.image) == len({one.tobytes() for one in motions.image}) < 2 * MOST_MOTIONS
+    assert len(motions.image) == len({one.tobytes() for one in motions.image}) < 2 * MAX_MOTIONS
     for step in itertools.product(range(-6, 7), range(-4, 5)):
         image = lamp_at(points, points + np.array([*step, 0.0]) * (*SPACING, 0.0))
         if max(map(abs, step)) > 3 and (image >= 0).sum() >= LAW:

@@ -16,7 +16,7 @@ def survivors(*rows: tuple[int, int, int, int, float]) -> Survivors:
     """Of rows with set, root, both images and ratio, in one chunk with a free place."""
     listed = np.array([[*(row[:4] for row in rows), (-1, -1, -1, -1)]])
     ratios = np.array([[*(row[4] for row in rows), -np.inf]])
-    return Survivors.of(POINTS, listed, ratios, most=4)
+    return Survivors.of(POINTS, listed, ratios, maximum=4)
 
 
 def test_survivors_of_the_highest_ratio_come_first() -> None:

@@ -13,7 +13,7 @@ from rootmatch.arrays import Floats
 from rootmatch.samplers.guided.hypotheses import Hypotheses, recurrence_miss_probability
 from rootmatch.samplers.guided.minimal_sets import sets_of_parts
 from rootmatch.samplers.guided.sequential_test import sequential_test
-from rootmatch.samplers.guided.stopping import least_telling_matches
+from rootmatch.samplers.guided.stopping import min_telling_matches
 
 CAMERA = rm.Camera(1800.0, 1800.0, 640.0, 480.0)
 AT_THE_STARS = rm.PosePrior(position=((0, 0, 0), 1e-6))
@@ -57,10 +57,10 @@ def test_no_more_is_searched_than_a_pose_takes_that_can_be_told() -> None:
 def test_fewest_matches_that_tell_a_pose() -> None:
     """Each match beyond three is worth e⁹ here, and 10⁷ sets are tried, of which one in 19 odds may be chance."""
     density, variance = np.full(60, math.exp(-9.0) / (2.0 * math.pi)), np.ones(60)
-    assert least_telling_matches(density, variance, 3, 1.0) == 4
-    assert least_telling_matches(density, variance, 3, 1e6) == 5
-    assert least_telling_matches(density, variance, 3, 1e7) == 6
-    assert least_telling_matches(np.ones(60), variance, 3, 1e7) == 60
+    assert min_telling_matches(density, variance, 3, 1.0) == 4
+    assert min_telling_matches(density, variance, 3, 1e6) == 5
+    assert min_telling_matches(density, variance, 3, 1e7) == 6
+    assert min_telling_matches(np.ones(60), variance, 3, 1e7) == 60
 
 
 def test_what_is_known_still_finds_few_stars() -> None:
@@ -72,8 +72,8 @@ def test_what_is_known_still_finds_few_stars() -> None:
 
 def test_a_test_does_not_assume_more_points_in_view_than_can_be() -> None:
     """Half of the right hypotheses have no hit among the first sixteen points of which one in twenty is seen."""
-    sparse = sequential_test(1e-4, 0.05, 5, least=4, normals=False)
-    usual = sequential_test(1e-4, 0.85, 20, least=4, normals=False)
+    sparse = sequential_test(1e-4, 0.05, 5, minimum=4, normals=False)
+    usual = sequential_test(1e-4, 0.85, 20, minimum=4, normals=False)
     assert sparse.floor / sparse.miss > 30
     assert math.exp(usual.miss) == pytest.approx(0.8, abs=1e-3)
 

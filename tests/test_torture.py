@@ -38,9 +38,9 @@ def test_a_sweep_killed_at_random_gives_the_rows_of_an_unbroken_one(tmp_path: Pa
     while kills < KILLS:
         child = forked(partial(swept, path, 0.05), tmp_path / "logs")
         # from before the store is there to beyond its last row
-        begun, least = units_done(path), rng.choice((0, 0, 1, 2, 4))
+        begun, minimum = units_done(path), rng.choice((0, 0, 1, 2, 4))
         deadline = time.monotonic() + 120
-        while not child.ended(0.0) and units_done(path) < min(begun + least, UNITS):
+        while not child.ended(0.0) and units_done(path) < min(begun + minimum, UNITS):
             assert time.monotonic() < deadline, "the sweep does not get on"
             time.sleep(0.01)
         if child.ended(rng.uniform(0.0, 0.3)):

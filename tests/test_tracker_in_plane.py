@@ -133,7 +133,7 @@ def test_a_filter_in_a_plane_predicts_as_one_of_its_coordinates() -> None:
     for k in range(1, 20):  # frames that show it where it is expected: the plane itself is no evidence of its calm
         filter_.update(rm.Pose(np.eye(2), (100.0, 0.0), covariance), 0.5 * k)
         assert filter_.predicted(0.5 * k).R.shape == (2, 2)
-    assert options.least_scale <= filter_.factor < factor
+    assert options.min_scale <= filter_.factor < factor
 
 
 def test_a_plane_on_the_command_line(tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ from scipy.optimize import least_squares
 from rootmatch.algebra.rotation import rotation_about_y
 from rootmatch.model import two_view_fit
 from rootmatch.model.two_view_descent import scan_rotations
-from rootmatch.model.two_view_model import LEAST_SINE, NOTHING, Relative, TwoViewModel
-from rootmatch.model.two_view_odds import LEAST_SINE2
+from rootmatch.model.two_view_model import MIN_SINE, NOTHING, Relative, TwoViewModel
+from rootmatch.model.two_view_odds import MIN_SINE2
 
 KINDS = [(False, 0.0), (False, 0.001), (True, 0.0), (True, 0.001)]
 """Planar or not, and σ of the tilts."""
@@ -64,7 +64,7 @@ def test_the_grid_has_the_best_baseline_of_each_rotation() -> None:
 
 @pytest.mark.parametrize(("planar", "tilt"), KINDS)
 def test_log_odds_are_those_of_the_density(planar: bool, tilt: float) -> None:
-    assert pytest.approx(LEAST_SINE**2) == LEAST_SINE2
+    assert pytest.approx(MIN_SINE**2) == MIN_SINE2
     rng = np.random.default_rng(5)
     model, true = scene_of(planar, tilt, 1e-4)
     weights = np.where(rng.random((9, 9)) < 0.2, -np.inf, rng.normal(0.0, 1.0, (9, 9)))
@@ -125,9 +125,9 @@ def test_a_descent_ends_where_that_of_scipy_does(planar: bool, tilt: float, near
             return deviations(model, moved, matches, weights, near)
 
         still = np.zeros(model.size - (1 if near else 2))
-        least = least_squares(of, still, args=(start,), x_scale="jac", method="trf", xtol=1e-12, ftol=1e-12).cost
+        minimum = least_squares(of, still, args=(start,), x_scale="jac", method="trf", xtol=1e-12, ftol=1e-12).cost
         value = 0.5 * (of(still, found) ** 2).sum()
-        reached += value <= least * (1.0 + 1e-4) + 1e-6
+        reached += value <= minimum * (1.0 + 1e-4) + 1e-6
         slopes = np.stack([of(s, found) - of(-s, found) for s in 1e-6 * np.eye(len(still))], axis=1) / 2e-6
         size = len(still)
         scale = np.sqrt(np.outer(*2 * [np.diag(slopes.T @ slopes)]))

@@ -200,7 +200,7 @@ def test_pieces_grow_and_end_at_the_deadline() -> None:
 
 @pytest.mark.parametrize(("budget", "sets"), [(100, 1), (17**3 + 100, 1), (2 * 17**3, 2)])
 def test_a_wave_has_no_more_sets_than_the_budget(budget: int, sets: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pose_search, "MOST_SETS", 1)
+    monkeypatch.setattr(pose_search, "MAX_SETS", 1)
     scene = three_plus_one_scene(12, 5, 0.5, 1, 5.0)
     views = scene.problem.two_views(scene.problem.validated(scene.source, scene.target, 0.5))
     task = SamplingTask(None, Joint(), Affinity(Residual("joint"), 1.0, 3.5), (12, 17), 4, views=views)

@@ -34,8 +34,8 @@ def test_the_polished_pose_is_the_most_likely_upright_one(seed: int) -> None:
         R = Rotation.from_rotvec(step[0] * camera_down).as_matrix() @ upright
         return ((problem.camera.project(points @ R.T + place + step[1:]) - detected) / SIGMA).ravel()
 
-    least = least_squares(deviations, np.zeros(4), xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    assert match.pose.chi2 == pytest.approx(2.0 * least.cost, rel=1e-9)
+    minimum = least_squares(deviations, np.zeros(4), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    assert match.pose.chi2 == pytest.approx(2.0 * minimum.cost, rel=1e-9)
     (anew,) = match.poses_of(match.assignment)
     assert anew is not None
     assert anew.covariance is not None

@@ -127,7 +127,7 @@ def test_what_survives_is_what_survives_the_general_search(masked: bool) -> None
     ).wave(4, tables)
     chosen = sets.prepared.points
     grid = build_grid(tables.rays, 0.004)  # type: ignore[attr-defined]
-    rules = SequentialTest(hit=3.0, fall=3.0, miss=-0.2, floor=-100.0, least=4, normals=True)
+    rules = SequentialTest(hit=3.0, fall=3.0, miss=-0.2, floor=-100.0, minimum=4, normals=True)
     rng = np.random.default_rng(2)
     allowed = rng.random((n, n_target)) < 0.8 if masked else np.empty((0, 0), np.bool_)
     if masked:
@@ -154,7 +154,7 @@ def test_rings_have_each_image_triple_once() -> None:
     tables, _ = tables_of(0, 12)
     grid = build_grid(tables.rays, 0.004)  # type: ignore[attr-defined]
     sets, images = views_of(*ball(0)).wave(2, tables), np.arange(0, tables.rays.shape[1], 2)  # type: ignore[attr-defined]
-    rules = SequentialTest(hit=3.0, fall=3.0, miss=-0.2, floor=-100.0, least=3, normals=True)
+    rules = SequentialTest(hit=3.0, fall=3.0, miss=-0.2, floor=-100.0, minimum=3, normals=True)
     none = np.empty((0, 0), np.bool_)
 
     def tried(sizes: list[int]) -> list[tuple[int, ...]]:

@@ -20,7 +20,7 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
 
 CAMERAS = 4
-LEAST_AREA = 9
+MIN_AREA = 9
 """Pixels of a blob: the thousands of smaller ones are noise of the sensor."""
 FARTHEST = 40.0
 """Pixels by which the calibrated orientations miss the dots at most; dots are 50 px apart."""
@@ -30,7 +30,7 @@ NEAR = 3.0
 """Pixels within which a blob is a dot, after the fit."""
 ROUNDS = 4
 """Fits, each to the blobs that the one before it identified."""
-LEAST_DOTS = 20
+MIN_DOTS = 20
 """Dots of a camera from which an effective pinhole can be fitted."""
 
 
@@ -72,7 +72,7 @@ def table_of_blobs(path: Path) -> Floats:
     """Position and area of the blobs of a ``_targets`` file, (m, 3); its first line is their number."""
     lines = path.read_text(encoding="utf-8").splitlines()
     blobs = np.array([[float(word) for word in line.split()[1:4]] for line in lines[1:] if line.strip()])
-    return blobs[blobs[:, 2] >= LEAST_AREA]
+    return blobs[blobs[:, 2] >= MIN_AREA]
 
 
 def through_glass(points: Floats, orientation: Floats, media: tuple[float, float, float, float]) -> Floats:
@@ -113,13 +113,13 @@ def identified(
     shift = np.concatenate([blobs[tree.query_ball_point(one, FARTHEST)] - one for one in expected])
     if not len(shift):
         raise InputError("snapshot: no blob is where the calibrated orientation has a dot")
-    most = cKDTree(shift).query_ball_point(shift, TOGETHER, return_length=True).argmax()
-    predicted, within, camera = expected + shift[most], 2.0 * TOGETHER, (K, np.eye(3), np.zeros(3))
+    maximum = cKDTree(shift).query_ball_point(shift, TOGETHER, return_length=True).argmax()
+    predicted, within, camera = expected + shift[maximum], 2.0 * TOGETHER, (K, np.eye(3), np.zeros(3))
     for _ in range(ROUNDS):
         distance, blob = tree.query(predicted)
         dot = np.flatnonzero(distance < within)
         dot = dot[[int((blob[dot] == blob[one]).sum()) == 1 for one in dot]]
-        if len(dot) < LEAST_DOTS:
+        if len(dot) < MIN_DOTS:
             raise InputError(f"snapshot: {len(dot)} blobs are where the calibrated orientation has dots, too few")
         camera = effective_pinhole(dots[dot], blobs[blob[dot]], K)
         predicted, within = project(dots, camera[1], camera[2], camera[0]), NEAR

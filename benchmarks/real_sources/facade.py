@@ -91,13 +91,13 @@ def vertical(path: Path, K: Floats, size: tuple[int, int]) -> Floats:
     planes, along = np.cross(*ends), ends[1] - ends[0]
     middle, length = 0.5 * (ends[0] + ends[1]), np.linalg.norm(along, axis=1)
     rng = np.random.default_rng(0)
-    best, most = np.zeros(len(planes), np.bool_), 0.0
+    best, maximum = np.zeros(len(planes), np.bool_), 0.0
     for _ in range(TRIES):
         one, two = rng.choice(len(planes), 2, replace=False)
         point = np.cross(planes[one], planes[two])
         inside = _towards(point, middle, along) < TOWARDS
-        if length[inside].sum() > most:
-            best, most = inside, length[inside].sum()
+        if length[inside].sum() > maximum:
+            best, maximum = inside, length[inside].sum()
     # the direction nearest to all planes, each by its segment's length
     normals = planes[best] / np.linalg.norm(planes[best], axis=1, keepdims=True) * length[best, None]
     down = np.linalg.svd(normals)[2][-1]

@@ -13,7 +13,7 @@ import numpy as np
 
 from real_sources.common import Fields, data_set, folder_with, opencv, rms, table
 
-LEAST = 12
+MINIMUM = 12
 """Targets of an image."""
 
 
@@ -32,7 +32,7 @@ def convert(snapshot: Path) -> Fields:
         for _, name, x, y in measured[measured[:, 0] == number]:
             if int(name) in row:
                 image[view, row[int(name)]] = x / pitch + 0.5 * (width - 1), 0.5 * (height - 1) - y / pitch
-    enough = np.isfinite(image[:, :, 0]).sum(axis=1) >= LEAST
+    enough = np.isfinite(image[:, :, 0]).sum(axis=1) >= MINIMUM
     image, numbers = image[enough], numbers[enough]
     points = objects[:, 1:].copy()
     seen = np.isfinite(image).all(axis=2)

@@ -68,7 +68,7 @@ def largest_overlap(points: NDArray[np.int64]) -> int:
     gives n.
     """
     own = {(int(x), int(y)) for x, y in points}
-    most = 0
+    maximum = 0
     for swap, sx, sy in itertools.product((False, True), (1, -1), (1, -1)):
         rotated = (points[:, ::-1] if swap else points) * (sx, sy)
         shifts: dict[tuple[int, int], int] = {}
@@ -78,8 +78,8 @@ def largest_overlap(points: NDArray[np.int64]) -> int:
                 shifts[shift] = shifts.get(shift, 0) + 1
         if not swap and sx == sy == 1:
             del shifts[0, 0]
-        most = max(most, *shifts.values())
-    return most
+        maximum = max(maximum, *shifts.values())
+    return maximum
 
 
 def collinear_triples(points: NDArray[np.int64]) -> int:

@@ -45,7 +45,7 @@ def median(values: Floats) -> float:
     return float(0.5 * (ascending[half] + ascending[(len(values) - 1) // 2]))
 
 
-def cache_by_values(most: int, *, frozen: bool = True) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def cache_by_values(maximum: int, *, frozen: bool = True) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Decorator that keeps the last results of a function by the values of its arguments, arrays among them.
 
     For what frame after frame, or every search, asks again of the same body. The function gets read-only arrays, unless
@@ -70,7 +70,7 @@ def cache_by_values(most: int, *, frozen: bool = True) -> Callable[[Callable[P, 
             else:
                 found = function(*arguments, **named)
             kept[key] = found
-            if len(kept) > most:
+            if len(kept) > maximum:
                 kept.popitem(last=False)
             return found
 
@@ -80,7 +80,7 @@ def cache_by_values(most: int, *, frozen: bool = True) -> Callable[[Callable[P, 
     return decorated
 
 
-def cache_by_identity(most: int) -> Callable[[Callable[[*Ts], R]], Callable[[*Ts], R]]:
+def cache_by_identity(maximum: int) -> Callable[[Callable[[*Ts], R]], Callable[[*Ts], R]]:
     """Decorator that keeps the last results of a function of objects which never change, as long as they are the same.
 
     For what a camera or the points of a body tell in every frame: to compare two rigs takes longer than most of what
@@ -99,7 +99,7 @@ def cache_by_identity(most: int) -> Callable[[Callable[[*Ts], R]], Callable[[*Ts
                 return known[1]
             found = function(*objects)
             kept[key] = objects, found
-            if len(kept) > most:
+            if len(kept) > maximum:
                 kept.popitem(last=False)
             return found
 

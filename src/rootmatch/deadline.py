@@ -70,9 +70,9 @@ class Deadline:
         stage.ends, stage._cuts = self.ends - min((1.0 - share) * left, reserve), self._cuts
         return stage
 
-    def affordable(self, most: int, seconds_each: float) -> int:
-        """How many of ``most`` units of work end in time, at ``seconds_each``; at least one."""
-        return max(min(most, int(min(self.left() / seconds_each, most))), 1)
+    def affordable(self, maximum: int, seconds_each: float) -> int:
+        """How many of ``maximum`` units of work end in time, at ``seconds_each``; at least one."""
+        return max(min(maximum, int(min(self.left() / seconds_each, maximum))), 1)
 
     def cut(self, wanted: int, seconds_each: float) -> int:
         """How many of the ``wanted`` units of work end in time, as `affordable`; fewer counts as work left out."""

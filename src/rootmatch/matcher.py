@@ -217,13 +217,13 @@ max_hyperedges, max_evaluations
         except UnseenPixelError as error:
             return self._empty_finding(detections, str(error))
 
-    def _detection_fault(self, detections: NDArray[np.float64], least: int) -> str | None:
+    def _detection_fault(self, detections: NDArray[np.float64], minimum: int) -> str | None:
         """Fault of a frame's detections that any detector may cause; None if there is none."""
         if detections.size == 0:
             return f"no detections given, at least {self.problem.order} needed by {self.problem.name}"
         if detections.ndim != 2 or detections.shape[1] != self.problem.target_dimension:
             return None  # no frame: `rootmatch.match` says what it is
-        if len(detections) < least:
+        if len(detections) < minimum:
             given = f"{len(detections)} detection{'s' * (len(detections) > 1)} given"
             return f"{given}, at least {self.problem.order} needed by {self.problem.name}"
         if self.problem.takes_prior:

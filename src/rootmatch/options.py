@@ -9,9 +9,11 @@ from typing import Any
 from rootmatch.errors import InputError
 
 
-def option(default: Any, *, above: float | None = None, least: float | None = None, most: float | None = None) -> Any:
+def option(
+    default: Any, *, above: float | None = None, minimum: float | None = None, maximum: float | None = None
+) -> Any:
     """A field of `Options` with its default and range: above a bound, at least and at most another."""
-    return field(default=default, metadata={"above": above, "least": least, "most": most})
+    return field(default=default, metadata={"above": above, "minimum": minimum, "maximum": maximum})
 
 
 @dataclass(frozen=True)
@@ -52,18 +54,18 @@ def _is_within_range(value: Any, number: str, entry: Any) -> bool:
     """Whether a value is such a number and lies within the range of its field."""
     if isinstance(value, bool) or not isinstance(value, Integral if number == "int" else Real):
         return False
-    above, least, most = (entry.metadata.get(name) for name in ("above", "least", "most"))
-    inside = (above is None or value > above) and (least is None or value >= least)
-    return bool(inside and (most is None or value <= most) and abs(float(value)) < float("inf"))
+    above, minimum, maximum = (entry.metadata.get(name) for name in ("above", "minimum", "maximum"))
+    inside = (above is None or value > above) and (minimum is None or value >= minimum)
+    return bool(inside and (maximum is None or value <= maximum) and abs(float(value)) < float("inf"))
 
 
 def _range(entry: Any) -> str:
     """The range of a field in words."""
-    above, least, most = (entry.metadata.get(name) for name in ("above", "least", "most"))
+    above, minimum, maximum = (entry.metadata.get(name) for name in ("above", "minimum", "maximum"))
     words = [
         "" if above is None else f"above {above:g}",
-        "" if least is None else f"of at least {least:g}",
-        "" if most is None else f"of at most {most:g}",
+        "" if minimum is None else f"of at least {minimum:g}",
+        "" if maximum is None else f"of at most {maximum:g}",
     ]
     told = " and ".join(word for word in words if word)
     return f" {told}" if told else ""

@@ -260,7 +260,7 @@ class Match:
         Between point sets in space it names the usual mistake that explains them, such as a left-handed set.
         """
         confidence = None if self.finding.all_confidence is None else self.confidence
-        posed = self.status is Status.MATCHED and self.problem.least_for_pose > 0 and self.bodies is None
+        posed = self.status is Status.MATCHED and self.problem.min_for_pose > 0 and self.bodies is None
         told = advice(self.shown, confidence, self.stopped_early, posed and is_undetermined(self.poses))
         asked = isinstance(self.problem, Similarity) and self.status is Status.UNTRUSTED and self.bodies is None
         fits = self.diagnose(ADVISED).fits if asked and self.finding.reason is None else ()
@@ -273,7 +273,7 @@ class Match:
         """The most likely pose of each motion, with its covariance; see `Pose` for frames and units.
 
         Fitted to all matches of the motion by maximum likelihood, with the noise that was given or estimated. None for
-        a motion with fewer matches than a pose needs (`Problem.least_for_pose`), or if no pose puts them in front of
+        a motion with fewer matches than a pose needs (`Problem.min_for_pose`), or if no pose puts them in front of
         the camera. The covariance describes the effect of the noise if the assignment is right. A prior that holds is
         part of the fit; between two point sets such a pose has no χ² and no residuals.
 
@@ -312,7 +312,7 @@ class Match:
     @property
     def pose(self) -> Pose | None:
         """The pose of the only body, None for problems without poses; for several bodies see `poses` and `bodies`."""
-        poses = self.poses if self.problem.least_for_pose else []
+        poses = self.poses if self.problem.min_for_pose else []
         return poses[0] if len(poses) == 1 else None
 
     def diagnose(self, max_seconds: float = 20.0) -> Diagnosis:

@@ -246,8 +246,8 @@ def attempt(recipe: dict[str, Any]) -> int:
         prepared(folder)
         stdin = recipe["stdin"] if recipe["stdin"].startswith("/") else folder / recipe["stdin"]
         command = started(words, folder, parent, stdin, closed, fresh=fresh)
-        worked, at, most = 0.0, time.monotonic(), SECONDS * recipe.get("soon", 1.0) + STARTING * fresh
-        while not command.ended(0.2) and worked < most and time.monotonic() < at + WAITING:
+        worked, at, maximum = 0.0, time.monotonic(), SECONDS * recipe.get("soon", 1.0) + STARTING * fresh
+        while not command.ended(0.2) and worked < maximum and time.monotonic() < at + WAITING:
             if command.worked() > worked:
                 worked, at = command.worked(), time.monotonic()
         if command.code is None:

@@ -193,10 +193,10 @@ def smallest_singular_value(a):  # type: ignore[no-untyped-def]
                         a[j, k] = s * x + c * y
         if not rotated:
             break
-    least = np.inf
+    minimum = np.inf
     for i in range(n):
         square = 0.0
         for k in range(n):
             square += a[i, k] * a[i, k]
-        least = min(least, square)
-    return math.sqrt(least)
+        minimum = min(minimum, square)
+    return math.sqrt(minimum)

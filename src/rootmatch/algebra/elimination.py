@@ -41,17 +41,17 @@ def solve_damped(normal, side, damping, dimensions, work, out):  # type: ignore[
 
 
 @part
-def factorise(matrix, size, least):  # type: ignore[no-untyped-def]
+def factorise(matrix, size, minimum):  # type: ignore[no-untyped-def]
     """The Cholesky factor of the first rows of a matrix, in the place of its lower triangle.
 
-    ``least``: of the squares of its diagonal, where rounding leaves less.
+    ``minimum``: of the squares of its diagonal, where rounding leaves less.
     """
     for i in range(size):
         for j in range(i + 1):
             value = matrix[i, j]
             for k in range(j):
                 value -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = math.sqrt(max(value, least)) if i == j else value / matrix[j, j]
+            matrix[i, j] = math.sqrt(max(value, minimum)) if i == j else value / matrix[j, j]
 
 
 @part

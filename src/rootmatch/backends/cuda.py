@@ -73,12 +73,12 @@ def panel_kernel(tables, kind, bases, arrangements, first_stem, panels):  # type
 
 
 def sweep_kernel(  # type: ignore[no-untyped-def]
-    tables, kind, bases, first_rank, last_rank, arrangements, most, masked, allowed, points, first_stem,
+    tables, kind, bases, first_rank, last_rank, arrangements, maximum, masked, allowed, points, first_stem,
     panels, lines, codes, residuals, counts,
 ):  # fmt: skip
     """Hyper-edges below the gate among the slabs of ranks ``first_rank … last_rank − 1``; see `cpu.sweep`.
 
-    In the precision of the tables, which is that of ``most`` and of all arrays of numbers.
+    In the precision of the tables, which is that of ``maximum`` and of all arrays of numbers.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def sweep_kernel(  # type: ignore[no-untyped-def]
             out[0, arrangements[order, k]] = np.inf
         for m in range(targets):
             value = out[0, m]
-            if value <= most and (not masked or allowed[last, m]):
+            if value <= maximum and (not masked or allowed[last, m]):
                 place = cuda.atomic.add(counts, 0, 1)
                 if place < codes.shape[0]:
                     codes[place] = (rank * points + last) * targets + m
@@ -233,11 +233,11 @@ class Sweep:
         """How many of the slabs of these ranks are below the gate, and looked at; ``codes`` has them, in no order."""
         first_stem = self._fill_panels(first, last)
         # entries that are no hyper-edge are infinite: the limit stays below that
-        most = self.number(min(gate * gate if self.squares else gate, float(np.finfo(self.number).max)))
+        maximum = self.number(min(gate * gate if self.squares else gate, float(np.finfo(self.number).max)))
         while True:
             self.counts.copy_to_device(np.zeros(2, np.int64))
             launch(
-                _sweep, self.tables, self.kind, self.bases, first, last, self.arrangements, most, self.masked,
+                _sweep, self.tables, self.kind, self.bases, first, last, self.arrangements, maximum, self.masked,
                 self.allowed, self.points, first_stem, self.panels, self.lines, self.codes, self.residuals, self.counts,
             )  # fmt: skip
             found, looked = (int(number) for number in self.counts.copy_to_host())

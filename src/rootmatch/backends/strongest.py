@@ -96,19 +96,19 @@ class Strongest:
 
     def add(self, codes: NDArray[np.int64], residuals: NDArray[np.float64]) -> None:
         """Add hyper-edges, one part of the stream."""
-        most = self.limit + max(self.limit // 8, 1)
+        maximum = self.limit + max(self.limit // 8, 1)
         first = 0
         while first < len(codes):
-            last = first + most - self.held
+            last = first + maximum - self.held
             below = residuals[first:last] <= self.gate
             held = self.held + int(np.count_nonzero(below))
             if held > len(self.codes):
                 # by half again and again, so that what is held is seldom moved
-                self._resize(min(most, max(held, len(self.codes) + len(self.codes) // 2)))
+                self._resize(min(maximum, max(held, len(self.codes) + len(self.codes) // 2)))
             self.codes[self.held : held] = codes[first:last][below]
             self.residuals[self.held : held] = residuals[first:last][below]
             self.held, first = held, last
-            if held == most:
+            if held == maximum:
                 self._choose()
 
     def _resize(self, room: int) -> None:
@@ -162,7 +162,7 @@ def make_strongest(sweep_of: Callable[[Enumeration], Sweep], block: int, first_b
         deadline: Deadline = NEVER,
     ) -> Found:
         sweep, kept = sweep_of(work), Strongest(limit, gate)
-        most, step = (max(1, size // work.per_slab) for size in (block, first_block))
+        maximum, step = (max(1, size // work.per_slab) for size in (block, first_block))
         total, rank = 0, first
         pace = Pace(deadline, step)
         while rank < last and (slabs := pace.block(step)):
@@ -171,7 +171,7 @@ def make_strongest(sweep_of: Callable[[Enumeration], Sweep], block: int, first_b
                 total += sweep(rank, end, kept)
             except OutOfTime:
                 break
-            rank, step = end, min(2 * step, most)
+            rank, step = end, min(2 * step, maximum)
             if progress is not None:
                 progress(rank - first, last - first)
         return Found(*kept.settle(), total)

@@ -17,7 +17,7 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
 from rootmatch.errors import InputError, InputWarning, UnseenPixelError, quote_value
 
-LEAST_FOCAL, MOST = 1e-6, 1e18
+MIN_FOCAL, MAXIMUM = 1e-6, 1e18
 """Minimum focal length, and maximum of any of the four numbers, in pixels: far beyond any camera's."""
 
 UNEQUAL = 1.25
@@ -87,7 +87,7 @@ class Camera(CameraModel):
                 raise InputError(f"camera: {name} has hundreds of digits; give a number of pixels") from None
             if not np.isfinite(value):
                 raise InputError(f"camera: {name} is {value}; give a finite number of pixels")
-            if abs(value) > MOST:
+            if abs(value) > MAXIMUM:
                 raise InputError(f"camera: {name} is {value:g}, more than any camera has; give a number of pixels")
             object.__setattr__(self, name, value)
         for name in ("fx", "fy"):
@@ -95,7 +95,7 @@ class Camera(CameraModel):
                 raise InputError(
                     f"camera: focal length {name} is {getattr(self, name):g}; give a positive number of pixels"
                 )
-            if getattr(self, name) < LEAST_FOCAL:
+            if getattr(self, name) < MIN_FOCAL:
                 raise InputError(
                     f"camera: focal length {name} is {getattr(self, name):g} px, far below a pixel; "
                     "give it in pixels, not in metres"

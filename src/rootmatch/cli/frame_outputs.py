@@ -106,7 +106,7 @@ def match_rows(frame: int, match: Match, source: PointSet) -> list[list[Any]]:
 def _pose(match: Match) -> Pose | None:
     if match.fused_pose is not None:
         return match.fused_pose
-    if match.status.name == "UNTRUSTED" or not match.problem.least_for_pose:
+    if match.status.name == "UNTRUSTED" or not match.problem.min_for_pose:
         return None
     return match.poses[0] if match.poses else None
 

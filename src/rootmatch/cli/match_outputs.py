@@ -60,7 +60,7 @@ class Outputs:
         if as_json and self.printed:
             raise InputError("--json: another output goes to standard output too; give that one a file")
         if self.poses is not None:
-            Capability.POSE.require(problem_class(problem).least_for_pose, problem)
+            Capability.POSE.require(problem_class(problem).min_for_pose, problem)
             if pose_format(self.poses, self.pose_format) == "colmap":
                 check_output_folder(self.poses, force=True)
         elif self.pose_format is not None:
@@ -112,7 +112,7 @@ class Outputs:
                     motions=found.motion_labels,
                     motion_names=None if found.bodies is None else [f"body {label}" for label in found.bodies],
                     truth=true,
-                    poses=found.poses if found.problem.least_for_pose else None,
+                    poses=found.poses if found.problem.min_for_pose else None,
                     camera=getattr(found.problem, "camera", None) if found.problem.source_dimension == 3 else None,
                     photo=self.photo,
                     source_names=source.names,

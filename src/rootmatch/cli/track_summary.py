@@ -104,7 +104,7 @@ class Queue:
 
     def __init__(self) -> None:
         self._clock = time.monotonic
-        self._least = float("inf")
+        self._minimum = float("inf")
         self._waiting = 0
         self._took: list[float] = []
         self._told = False
@@ -112,15 +112,15 @@ class Queue:
     def take(self, when: float, seconds: float) -> str | None:
         """Count a frame of a time, answered now after some work; a warning the first time that frames pile up."""
         late = self._clock() - when
-        self._least = min(self._least, late)
+        self._minimum = min(self._minimum, late)
         self._waiting = self._waiting + 1 if _is_ready() else 0
         self._took = [*self._took[1 - WAITING :], seconds]
-        if self._told or self._waiting < WAITING or late - self._least < LATE:
+        if self._told or self._waiting < WAITING or late - self._minimum < LATE:
             return None
         self._told = True
         return (
             f"warning: frames arrive faster than they are processed ({1e3 * median(self._took):.0f} ms each), and "
-            f"the output is {late - self._least:.1f} s late by now; limit each frame with --max-seconds, or say how "
+            f"the output is {late - self._minimum:.1f} s late by now; limit each frame with --max-seconds, or say how "
             "fast the body or the camera moves (--velocity, --acceleration)"
         )
 

@@ -133,7 +133,7 @@ class Judge:
         real = [float(r.real) for r in roots if abs(r.imag) < 1e-6 * (1.0 + abs(r))]
         return min(real, key=lambda x: self.relative_size_at(other, x), default=float("nan"))
 
-    def constraints(self, shared: int, most: int | None) -> tuple[Order, ...]:
+    def constraints(self, shared: int, maximum: int | None) -> tuple[Order, ...]:
         """Orders of minimal sets whose polynomials are independent constraints of a hyper-edge, the first one given.
 
         Sets that bind the first correspondences alone come before others: they are computed once for many hyper-edges.
@@ -145,7 +145,7 @@ class Judge:
         rows = [self.gradients(self.swept, shared)]
         for group in (bound, swept):
             candidates = {order: self.gradients(order, shared) for order in group if order not in chosen}
-            while candidates and (most is None or len(chosen) < most):
+            while candidates and (maximum is None or len(chosen) < maximum):
                 scores = {order: self._independence([*rows, new]) for order, new in candidates.items()}
                 greatest = max(scores.values())
                 if greatest < INDEPENDENT:
@@ -157,9 +157,9 @@ class Judge:
         return tuple(sorted(chosen, key=lambda order: self.m in order))
 
     def _independence(self, rows: list[list[Floats]]) -> float:
-        least = []
+        minimum = []
         for stacked in zip(*rows, strict=True):
             matrix = np.array(stacked)
             usable = np.all(np.isfinite(matrix)) and matrix.shape[0] <= matrix.shape[1]
-            least.append(np.linalg.svd(matrix, compute_uv=False)[-1] if usable else 0.0)
-        return float(np.median(least))
+            minimum.append(np.linalg.svd(matrix, compute_uv=False)[-1] if usable else 0.0)
+        return float(np.median(minimum))

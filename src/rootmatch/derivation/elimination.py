@@ -50,11 +50,11 @@ class Definitions:
             self.leaves.named[symbol] = rest
         return content * self._names[rest]
 
-    def shorten(self, polynomial: Any, least: int = SHORT) -> Any:
+    def shorten(self, polynomial: Any, minimum: int = SHORT) -> Any:
         """The polynomial with named coefficients wherever one has at least so many terms."""
         generators = polynomial.gens
         terms = {
-            powers: self.name(coefficient) if len(sp.Add.make_args(coefficient)) >= least else coefficient
+            powers: self.name(coefficient) if len(sp.Add.make_args(coefficient)) >= minimum else coefficient
             for powers, coefficient in zip(polynomial.monoms(), polynomial.coeffs(), strict=True)
         }
         return sp.Poly.from_dict(terms, *generators)
@@ -132,7 +132,7 @@ def _divide_by_monomial(polynomial: Any) -> Any:
         return polynomial
     lowest = [min(powers) for powers in zip(*polynomial.monoms(), strict=True)]
     terms = {
-        tuple(p - least for p, least in zip(powers, lowest, strict=True)): coefficient
+        tuple(p - minimum for p, minimum in zip(powers, lowest, strict=True)): coefficient
         for powers, coefficient in polynomial.terms()
     }
     return sp.Poly.from_dict(terms, *polynomial.gens)

@@ -15,11 +15,11 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
-from rootmatch.explain.known_rotation import MOST_PAIRS
+from rootmatch.explain.known_rotation import MAX_PAIRS
 from rootmatch.problems.limits import GATE
 from rootmatch.samplers.guided.visibility import MISSED
 
-FIRST, MOST_LOOKED = 2_000, 500_000
+FIRST, MAX_LOOKED = 2_000, 500_000
 """Pairs of points that are tried at first, then as many again as before, and most of all pairs of detections together.
 Round values."""
 PARTS, BEST = 4, 4
@@ -97,12 +97,12 @@ class _Table(NamedTuple):
     """(P,) the one after the last."""
 
 
-def search_angle_table(given: Directions, rng: np.random.Generator, *, most: int) -> Agreeing | None:
+def search_angle_table(given: Directions, rng: np.random.Generator, *, maximum: int) -> Agreeing | None:
     """At most so many pairs that agree, those first whose rotation explains most; None where a table tells too little.
 
     That is where any direction is that of some point (`BY_CHANCE`), or a detection that of one in two directions, or
-    where more than `MOST_PAIRS` of points are as near each other as two detections, or those leave more than
-    `MOST_LOOKED`. Pairs of detections are looked up in random order. Any two matches of a pose lead to it, so that one
+    where more than `MAX_PAIRS` of points are as near each other as two detections, or those leave more than
+    `MAX_LOOKED`. Pairs of detections are looked up in random order. Any two matches of a pose lead to it, so that one
     with as many as the best has is missed with a probability that falls with its pairs; below `MISSED` the others need
     not be looked up.
     """
@@ -130,10 +130,10 @@ def search_angle_table(given: Directions, rng: np.random.Generator, *, most: int
         wanted = max(FIRST, 2 * int(sums[last - 1])) if last else FIRST
         begin, last = last, min(max(int(np.searchsorted(sums, wanted, side="right")), last + 1), len(sizes))
         more = _search_pairs(given, table, match, slice(begin, last))
-        best, explained, matched = _rank_by_explained(given, more, tree, cones, most=most, rng=rng)
+        best, explained, matched = _rank_by_explained(given, more, tree, cones, maximum=maximum, rng=rng)
         first, second, rotation = (np.concatenate(two) for two in zip(found, more.take(best), strict=True))
         score = np.concatenate([score, explained])
-        order = np.argsort(-score, kind="stable")[:most]
+        order = np.argsort(-score, kind="stable")[:maximum]
         found, score = Agreeing(first, second, rotation).take(order), score[order]
         if (1.0 - last / len(sizes)) ** math.comb(matched, 2) <= MISSED:
             break
@@ -183,19 +183,19 @@ def _table(given: Directions, cones: _Cones, tree: Any, used: Integers, rng: np.
     seen = angle_between(cones.axis[pairs[:, 0]], cones.axis[pairs[:, 1]])
     reach = GATE * np.linalg.norm(cones.sigma[pairs], axis=1) + cones.width[pairs].sum(axis=1)
     chord = 2.0 * math.sin(0.5 * min(float((seen + reach).max()), math.pi))
-    if tree.count_neighbors(tree, chord) > 2 * MOST_PAIRS + len(used):
+    if tree.count_neighbors(tree, chord) > 2 * MAX_PAIRS + len(used):
         return None
     points = used[tree.query_pairs(chord, output_type="ndarray")]
     angles = angle_between(given.of_points[points[:, 0]], given.of_points[points[:, 1]])
     order = np.argsort(angles)
     begin, end = (np.searchsorted(angles[order], seen + way * reach) for way in (-1.0, 1.0))
-    if (end - begin).sum() > MOST_LOOKED:
+    if (end - begin).sum() > MAX_LOOKED:
         return None
     return _Table(points[order], pairs, begin, end)
 
 
 def _rank_by_explained(
-    given: Directions, found: Agreeing, tree: Any, cones: _Cones, *, most: int, rng: np.random.Generator
+    given: Directions, found: Agreeing, tree: Any, cones: _Cones, *, maximum: int, rng: np.random.Generator
 ) -> tuple[Integers, Floats, int]:
     """At most so many of the pairs, those first under whose rotation most of the other detections are points.
 
@@ -216,8 +216,8 @@ def _rank_by_explained(
             own = np.column_stack([given.j[found.first[some]], given.j[found.second[some]]])
             tally[some] += _hits(tree, cones, own, looked, found.rotation[some])
         kept = kept[np.argsort(-_beyond_chance(tally[kept])[:, 0], kind="stable")]
-        done, kept = last, kept[: max(len(kept) // PARTS, BEST * most)]
-    kept = kept[:most]
+        done, kept = last, kept[: max(len(kept) // PARTS, BEST * maximum)]
+    kept = kept[:maximum]
     sure = _beyond_chance(tally[kept])
     return kept, sure[:, 0], 2 + max(int(sure[0, 1]), 0) if len(kept) else 0
 

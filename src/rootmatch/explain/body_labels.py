@@ -49,8 +49,8 @@ class BodyLabels:
         return [copy_with(part, source_noise=points.source_noise[own], **target) for part, own in every]
 
 
-def check_bodies(labels: Any, source: Floats, least: int) -> BodyLabels:
-    """Labels of source points (n, k), at least ``least`` of which belong to each body.
+def check_bodies(labels: Any, source: Floats, minimum: int) -> BodyLabels:
+    """Labels of source points (n, k), at least ``minimum`` of which belong to each body.
 
     Refused are labels that are neither whole numbers nor strings, or not one for each point, too few points that share
     one, and two points of one body that are the same.
@@ -75,8 +75,8 @@ def check_bodies(labels: Any, source: Floats, least: int) -> BodyLabels:
     index = np.argsort(order)[inverse].astype(np.int64)
     for k, name in enumerate(names):
         points = int((index == k).sum())
-        if points < least:
-            raise InputError(f"bodies: body {name!r} has {points} points; give it at least {least}")
+        if points < minimum:
+            raise InputError(f"bodies: body {name!r} has {points} points; give it at least {minimum}")
         own = np.flatnonzero(index == k)
         same = find_repeated(source[own])
         if same is not None:
@@ -96,22 +96,22 @@ def twin_points(first: Floats, second: Floats) -> Integers | None:
     if len(first) != len(second):
         return None
     one, two = distances(first), distances(second)
-    most = SAME_SHAPE * float(one.max())
-    if np.abs(np.sort(one, axis=None) - np.sort(two, axis=None)).max() > most:
+    maximum = SAME_SHAPE * float(one.max())
+    if np.abs(np.sort(one, axis=None) - np.sort(two, axis=None)).max() > maximum:
         return None
     profiles, others = np.sort(one, axis=1), np.sort(two, axis=1)
     cost = np.empty(one.shape)
     for row, profile in zip(cost, profiles, strict=True):
         checkpoint()
         apart = np.abs(profile - others)
-        if apart.max(axis=1).min() > most:  # no point is like this one
+        if apart.max(axis=1).min() > maximum:  # no point is like this one
             return None
         row[:] = apart.sum(axis=1)
     from scipy.optimize import linear_sum_assignment  # slow to import
 
     checkpoint(SECONDS_PER_STEP * cost.size * len(cost))
     _, order = linear_sum_assignment(cost)
-    return np.asarray(order, np.int64) if np.abs(one - two[np.ix_(order, order)]).max() <= most else None
+    return np.asarray(order, np.int64) if np.abs(one - two[np.ix_(order, order)]).max() <= maximum else None
 
 
 def is_same_body(first: Floats, second: Floats) -> bool:

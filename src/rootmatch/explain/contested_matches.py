@@ -17,7 +17,7 @@ from rootmatch.hypergraph.assignment import maximise_total
 from rootmatch.model.evidence import settle_poses
 from rootmatch.model.matchings import Matchings, sum_matchings_by_part
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.model.pose_density import LEAST
+from rootmatch.model.pose_density import MINIMUM
 from rootmatch.model.prediction import GATE
 from rootmatch.model.proposals import fit_assignments
 from rootmatch.problems.pose_fit.point_set_fit import FEWEST
@@ -88,7 +88,7 @@ def _without_rivals(own: Integers) -> Claims:
 def _with_each_left_out(own: Integers) -> Integers:
     """Matches (n,) of a motion, and of a small one these without each of them."""
     matched = np.flatnonzero(own >= 0)
-    if not LEAST < len(matched) <= SMALL:
+    if not MINIMUM < len(matched) <= SMALL:
         return own[None]
     every = np.tile(own, (1 + len(matched), 1))
     every[1 + np.arange(len(matched)), matched] = -1

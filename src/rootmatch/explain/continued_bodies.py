@@ -20,7 +20,7 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers, cache_by_identity, cache_by_values
 from rootmatch.explain.more_places import Beside, Places, log_shown_chance
-from rootmatch.model.compiled.occluder import LEAST_HIDDEN, LOG_FREE, LOG_ODDS
+from rootmatch.model.compiled.occluder import LOG_FREE, LOG_ODDS, MIN_HIDDEN
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import weigh_poses
 from rootmatch.model.modes import Modes
@@ -40,7 +40,7 @@ from rootmatch.problems.pose_fit.reference_point import body_radius
 LOG_CONTINUED = -PRESENT_ODDS
 """Logarithm of the odds that what goes on by the body's law is in view, beside it or without it: what repeats itself is
 one of many, so something else of that kind is there as probably as nothing is."""
-MOST_PLACES = 400
+MAX_PLACES = 400
 """Most places of what continues a body, the body's own points among them. A round value; it bounds time."""
 FAR = 2.0
 """Distance of these from the body's centre, over that of its farthest point. A round value; it bounds time."""
@@ -83,7 +83,7 @@ def continue_body(source: Floats, normals: Floats | None) -> Places:
         order = np.argsort(away, kind="stable")
         order = order[away[order] < reach]
         which, own = which[order], own[order]
-        kept = _drop_repeated(images[which, own], apart)[: MOST_PLACES - len(points)]
+        kept = _drop_repeated(images[which, own], apart)[: MAX_PLACES - len(points)]
         if not len(kept):
             break
         facing = (rotations[which[kept]] @ unit[own[kept], :, None])[..., 0]
@@ -241,7 +241,7 @@ def _gain_by_hulls(model: DetectionModel, assignment: Integers, rotation: Floats
     matched, visible, images = assignment[0] >= 0, found.visible[0], max(len(model.images), 1)
     in_sight, odds = np.ones(len(matched), np.bool_), LOG_FREE
     for own in np.split(np.arange(len(matched)), images):
-        if np.count_nonzero(matched[own]) < 3 or float(visible[own][~matched[own]].sum()) <= LEAST_HIDDEN:
+        if np.count_nonzero(matched[own]) < 3 or float(visible[own][~matched[own]].sum()) <= MIN_HIDDEN:
             continue
         shown = at.pixels[0, own][matched[own]]
         in_sight[own] = matched[own] | ~_is_beyond_hull(shown, at.pixels[0, own], body_radius(shown))

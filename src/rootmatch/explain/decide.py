@@ -24,7 +24,7 @@ class TrustOptions:
     """Factor on σ suggested by the residuals about the best pose, from which an assignment is not trusted if such
     residuals are rarer than this chance when σ is right: σ was stated too small, and points may be missing. With σ
     1.5 times too small no match is wrong; with four times, some are."""
-    most_named: float = 8.0
+    max_named: float = 8.0
     """Factor up to which the advice blames the noise rather than the match. A round value."""
     missed: float = 0.05
     """Probability that there is another pose which explains as much and was missed, beyond which an assignment is

@@ -27,7 +27,7 @@ from rootmatch.model.linearised import Linearised
 from rootmatch.model.prediction import HIDDEN
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
-LEAST = 0.0
+MINIMUM = 0.0
 """Log-odds from which a point is said to be somewhere else: where that is more probable than not."""
 
 
@@ -81,7 +81,7 @@ def _find_displaced_in_set(found: Finding, taken: Bools | None) -> list[Displace
         own = np.where(np.arange(n) == point, nearest, assignment)
         clouds = [model.clouds.off_by(np.where(np.arange(n) == point, error, 0.0)) for error in errors]
         odds = [float(replace(model, clouds=one_off).judged(own[None]).log_odds[0]) for one_off in clouds]
-        if LOG_OFF - math.log(n) + float(np.logaddexp.reduce(odds)) - float(one.log_odds[0]) >= LEAST:
+        if LOG_OFF - math.log(n) + float(np.logaddexp.reduce(odds)) - float(one.log_odds[0]) >= MINIMUM:
             out.append(Displaced(int(point), nearest[point : point + 1], float(away[point].min())))
     return out
 
@@ -139,7 +139,7 @@ def _judge_displacement(model: DetectionModel, place: _Place, rows: Integers, fr
     log_odds += float(np.log(place.lit[seen]).sum() + np.log1p(-place.lit[missed]).sum())
     log_odds -= float(model.clutter.log_density[detections].sum())
     largest = float(np.hypot(*off.reshape(-1, 2).T).max())
-    return Displaced(int(rows[0]), detections, largest) if log_odds >= LEAST else None
+    return Displaced(int(rows[0]), detections, largest) if log_odds >= MINIMUM else None
 
 
 def point_advice(found: Finding, whole: Finding | None) -> str:

@@ -136,10 +136,10 @@ class Finding:
     @property
     def is_pose_certain(self) -> bool:
         """Whether one pose is as probable as a match has to be, whatever its matches."""
-        least, told = self.facts.min_probability, self.posterior
+        minimum, told = self.facts.min_probability, self.posterior
         if self.labellings is not None:
-            return self.labellings.motion >= least
-        return told is not None and bool((told.probabilities[:1] >= least).any())
+            return self.labellings.motion >= minimum
+        return told is not None and bool((told.probabilities[:1] >= minimum).any())
 
     @property
     def longer_search(self) -> str:
@@ -318,7 +318,7 @@ def make_empty_finding(task: MatchingTask, reason: str | None) -> Finding:
     Of problems without a model no odds are known, here as elsewhere.
     """
     by_noise = task.affinity.residual.kind in NOISE_KINDS and not task.options.is_paper
-    told = 0.0 if by_noise and task.problem.least_for_pose else None
+    told = 0.0 if by_noise and task.problem.min_for_pose else None
     return Finding(
         task=task,
         assignment=np.full(task.rows, -1, np.int64),

@@ -15,12 +15,12 @@ from rootmatch.explain.finding import Finding
 from rootmatch.model.image_alike import LOG_INEXACT, OWN
 from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL
 
-MOST_INFLATION = 4.0
+MAX_INFLATION = 4.0
 """Largest factor on the given variances: of a pose that asks for more than twice the given σ nothing is believed. A
 round value; what it refuses: the unrelated points of benchmarks/constellations.py."""
 SHAPE = 0.2
 """Of the distribution Beta(a, 1) of the chance of residuals as large as those of something else. A round value."""
-MOST_ALIKE = 300.0
+MAX_ALIKE = 300.0
 """Largest logarithm of what is worth a number."""
 FREEDOM_OF_RIG = 5.0
 """Residuals by which σ is known about a pose before a rig, whose calibration may be off by more in one place than in
@@ -92,7 +92,7 @@ class Misfit(NamedTuple):
         The chance of residuals as large is uniform for the body, and has a Beta distribution towards 0 for anything
         else (compare Sellke, Bayarri and Berger 2001). What is beside points without a match tells of it as well.
         """
-        beside = 0.0 if self.alike is None else float(np.exp(np.minimum(self.alike, MOST_ALIKE)).mean())
+        beside = 0.0 if self.alike is None else float(np.exp(np.minimum(self.alike, MAX_ALIKE)).mean())
         if not self.dof:
             return 1.0 + beside
         chance = float(_tail_of_f()(self.dof, FREEDOM_OF_RIG if of_rig else NOISE_FREEDOM, self.sigma**2))
@@ -133,7 +133,7 @@ def discount_misfit(
     if found.facts.probability is None or as_given:
         return found
     odds = WRONG_MODEL + alike
-    against = odds * fault.odds_of_something_else(of_rig) + math.exp(min(fault.another, MOST_ALIKE))
+    against = odds * fault.odds_of_something_else(of_rig) + math.exp(min(fault.another, MAX_ALIKE))
     own = min((1.0 + odds) / (1.0 + against / (1.0 + as_off)), 1.0)
     present = None if found.facts.present is None else own * found.facts.present
     return found.with_facts(present=present).scale_probability(own)
@@ -141,6 +141,6 @@ def discount_misfit(
 
 def is_misfit(fault: Misfit) -> bool:
     """Whether no pose fits an assignment within the noise that was given."""
-    if not fault.variances <= MOST_INFLATION:
+    if not fault.variances <= MAX_INFLATION:
         return True
     return fault.sigma >= TRUST.noise_factor and fault.chance < TRUST.noise_chance

@@ -61,7 +61,7 @@ IN_VIEW, DOUBTED = 0.95, 0.9
 would add nothing, because several poses explain as much, unless it missed one that explains more. Round values."""
 OF_IMAGE = "areas", "clutter", "image_indices", "images", "rays", "_in_each_image", "_log_counts"
 """What a model works out of the detections alone: the same for all bodies."""
-LEAST_LEFT = 0.1
+MIN_LEFT = 0.1
 """Share of a frame's budget for a rival of what was found, whatever the search before has left. A round value."""
 
 
@@ -70,7 +70,7 @@ def _with_remaining_budget(task: MatchingTask, bodies: Sequence[SearchedBody]) -
     if task.budget is None:
         return task
     left = task.budget - sum(body.evaluated for body in bodies)
-    return copy_with(task, budget=max(left, round(LEAST_LEFT * task.budget)))
+    return copy_with(task, budget=max(left, round(MIN_LEFT * task.budget)))
 
 
 @dataclass(eq=False, kw_only=True)
@@ -259,7 +259,7 @@ def _try_in_places_of_others(bodies: list[_Body], tried: set[tuple[int, bytes]])
                 there = Proposals(some.assignments, some.rotation, some.position)
                 parts += look_alike_by_errors(there, (other.task, other.candidate.model), (body.task, own))
         if parts:
-            found = find_modes(own, join_proposals(parts), body.candidate.modes, of_several=True, least=-HOPELESS)
+            found = find_modes(own, join_proposals(parts), body.candidate.modes, of_several=True, minimum=-HOPELESS)
             body.candidate, new = copy_with(body.candidate, modes=found), True
     if new:
         _weigh(bodies)

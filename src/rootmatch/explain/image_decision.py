@@ -34,7 +34,7 @@ from rootmatch.model.elsewhere import log_odds_of_another
 from rootmatch.model.evidence import residual_statistics, settle_poses
 from rootmatch.model.image_alike import alike_log_odds
 from rootmatch.model.modes import Modes
-from rootmatch.model.pose_density import LEAST, Doubted
+from rootmatch.model.pose_density import MINIMUM, Doubted
 from rootmatch.model.posterior import Others, Posterior
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.shown_in_part import FewShown
@@ -126,7 +126,7 @@ def image_finding(
     if base.task.weighs_parts:
         told = allow_few_shown(told, model, base, taken)
     free = (k for k, one in enumerate(modes.assignments) if taken is None or not taken[one[one >= 0]].any())
-    least = base.task.options.least_probability
+    minimum = base.task.options.required_probability
     scoreless = base.evaluated == 0
     k = next(free, None)
     present = told.present(k or 0)
@@ -138,7 +138,7 @@ def image_finding(
             model=model,
             assignment=nothing,
             others=Others(told, TRUST.alternatives),
-            facts=Facts(present=present, contested=True, min_probability=least, probability=0.0, lead=0.0),
+            facts=Facts(present=present, contested=True, min_probability=minimum, probability=0.0, lead=0.0),
             scores=None,
             scoreless=scoreless,
             confidence=None,
@@ -163,7 +163,7 @@ def image_finding(
         fault = fault._replace(alike=alike, another=another)
     # what there was no time to ask may be so
     missed = (missed_as_known if holds else missed) if asked else 1.0
-    trusted = told.believe(least, 1.0 if surest is None else surest[1]) if k == 0 and missed <= TRUST.missed else None
+    trusted = told.believe(minimum, 1.0 if surest is None else surest[1]) if k == 0 and missed <= TRUST.missed else None
     sure = None if trusted is None else trusted.assignment
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
     # otherwise no other pose with as few matches in each image would have been met
@@ -171,13 +171,13 @@ def image_finding(
     points = matched
     if base.task.rig is not None:  # which sees one several times
         points = int(np.count_nonzero((first.reshape(-1, base.task.shape[0]) >= 0).any(axis=0)))
-    of_the_rest = (met or (holds and kept >= LEAST)) and trusted is not None and trusted.known >= KEPT * matched
+    of_the_rest = (met or (holds and kept >= MINIMUM)) and trusted is not None and trusted.known >= KEPT * matched
     facts = Facts(
         present=present,
         contested=not of_the_rest,
         sure_of_the_rest=of_the_rest,
-        min_probability=least,
-        confirmed=points >= LEAST,
+        min_probability=minimum,
+        confirmed=points >= MINIMUM,
         false_alarms=math.inf if is_misfit(fault) else -math.inf,
         missed=missed if sure is None or met else 1.0,
     )
@@ -238,7 +238,7 @@ def something_else_log_odds(
     """
     if len(model.images) > 1:
         return log_odds_of_another(model, told.modes, k, of_others)
-    predicted = model.prior.least < LEAST and told.origins is not None and told.origins[k] >= 0
+    predicted = model.prior.minimum < MINIMUM and told.origins is not None and told.origins[k] >= 0
     return -math.inf if predicted else log_odds_of_points_elsewhere(model, told.modes, k, of_others)
 
 
@@ -249,13 +249,13 @@ def allow_few_shown(
 
     Not about predicted poses, of which one or two matches are a mode.
     """
-    least = model.prior.least
-    if told.clutter < BEYOND_DOUBT or least < LEAST:
+    minimum = model.prior.minimum
+    if told.clutter < BEYOND_DOUBT or minimum < MINIMUM:
         return told
-    most = least - 1 if isinstance(model.prior, Doubted) else max(base.task.minimal, least - 1)
+    maximum = minimum - 1 if isinstance(model.prior, Doubted) else max(base.task.minimal, minimum - 1)
     free = model.image_indices if taken is None else model.image_indices[~taken]
     counts = np.bincount(free, minlength=max(len(model.images), 1))
-    return copy_with(told, few=FewShown(model, most, counts, base.unmet))
+    return copy_with(told, few=FewShown(model, maximum, counts, base.unmet))
 
 
 def odds_lead(probability: float | None) -> float:

@@ -60,7 +60,7 @@ SUMMED, LIKELY = 4, 0.5
 NAMED = 16
 """Strongest assignments that a tracker's search named, which are weighed: if nothing is in view, up to 64 take 13 ms.
 The same bodies are right with all of them (benchmarks/flights.py, room and drone, 3 flights from 1100 and 1300)."""
-MOST_PREDICTED = 8
+MAX_PREDICTED = 8
 """Assignments about the predicted poses of a body that are weighed, but two about each. A round value."""
 
 
@@ -91,7 +91,7 @@ class Candidate:
         An assignment of all points that a solver found may hold several inconsistent parts, of which one is the body.
         """
         sets = self.poses_of(strongest_assignments(tensor, self.model.shape, HYPEREDGES))
-        return list(gather_assignments(self.model, sets, least=self.task.minimal + 1, most=GATHERED).assignments)
+        return list(gather_assignments(self.model, sets, minimum=self.task.minimal + 1, maximum=GATHERED).assignments)
 
     def poses_of(self, rows: Integers) -> Proposals:
         """Poses of minimal sets of the assignments (K, n) of hyper-edges, with the matches of these sets alone."""
@@ -125,7 +125,7 @@ class Candidate:
         searched = proposals is not predicted and len(proposals.assignments) > 0
         if predicted is not None and proposals is not predicted:
             proposals = join_proposals([proposals, predicted]) if searched else predicted
-        modes = find_modes(self.model, proposals, least=-math.inf if searched else -HOPELESS)
+        modes = find_modes(self.model, proposals, minimum=-math.inf if searched else -HOPELESS)
         prior, poses = self.model.prior, modes.covariance
         others = searched or (len(poses) > 0 and is_turn_loose(poses[0]))
         if not others and isinstance(prior, Doubted):
@@ -144,20 +144,20 @@ class Candidate:
         The same if clutter explains all of them better: most searches for a body that is not in view end so.
         """
         proposals = self.proposals(assignments)
-        modes = find_modes(self.model, proposals, self.modes, of_several=True, least=-NEGLIGIBLE)
+        modes = find_modes(self.model, proposals, self.modes, of_several=True, minimum=-NEGLIGIBLE)
         worth = len(proposals.assignments) and (modes.log_mass[:1] > 0.0).any()
         return copy_with(self, modes=modes) if worth else self
 
     def add_twins(self) -> Candidate:
         """The candidate of one of several bodies with the twins of the best pose that a search found for it."""
-        return copy_with(self, modes=self._add_twins(self.modes, most=1))
+        return copy_with(self, modes=self._add_twins(self.modes, maximum=1))
 
-    def _add_twins(self, modes: Modes, searched: bool = True, most: int = TWINS) -> Modes:
+    def _add_twins(self, modes: Modes, searched: bool = True, maximum: int = TWINS) -> Modes:
         """Modes and the twins of the best of them, until none of these is better: stairs may be many steps off."""
         known, best = set[bytes](), -math.inf  # of which twins were proposed
         while len(modes.log_mass) and modes.log_mass[0] > best + NO_CHANGE:
             best = float(modes.log_mass[0])
-            first = modes.places(self.model.shape[1], most)
+            first = modes.places(self.model.shape[1], maximum)
             poses = [one.tobytes() for one in first.rotation]
             new = np.array([k for k, one in enumerate(poses) if one not in known], np.int64)
             known.update(poses)
@@ -204,7 +204,7 @@ def _compete(bodies: Sequence[Candidate]) -> list[Posterior]:
                     others.append((place, other.model.prior))
         model = add_family_places(body.model, others)
         if more:
-            own = find_modes(model, join_proposals(more), own, of_several=True, least=-HOPELESS)
+            own = find_modes(model, join_proposals(more), own, of_several=True, minimum=-HOPELESS)
         models[k], every[k] = model, own
 
     def weigh() -> list[Posterior]:
@@ -248,13 +248,13 @@ def is_search_needless(
         return False
     used = modes.assignments[0][modes.assignments[0] >= 0]
     left, mass = model.shape[1] - len(used), float(modes.log_mass[0])
-    most = max(min(left, float(modes.visible[0].sum()), unmet) - minimal, 0.0)
-    elsewhere = most * max(mass, 0.0) / len(used)
-    if most > 0.0 and not of_several:
+    maximum = max(min(left, float(modes.visible[0].sum()), unmet) - minimal, 0.0)
+    elsewhere = maximum * max(mass, 0.0) / len(used)
+    if maximum > 0.0 and not of_several:
         # of two squared deviations over their variances the mean is two: half of that is 1
         worth = -model.clutter.log_density - model.log_areas - 1.0
         mean = float(worth.sum() - worth[used].sum()) / left
-        elsewhere = max(elsewhere, most * mean - minimal * math.log(left))
+        elsewhere = max(elsewhere, maximum * mean - minimal * math.log(left))
     doubt = model.prior.doubt if isinstance(model.prior, Doubted) else DOUBT
     return mass >= math.log(doubt) + elsewhere
 
@@ -268,9 +268,9 @@ def propose_predicted(model: DetectionModel, narrowed: tuple[int, ...] | None = 
         return None
     predictions = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
     every, parts, others = propose_about_each(model, predictions, narrowed), list[Proposals](), list[Proposals]()
-    most = max(MOST_PREDICTED // len(every), 2) if every[1:] else MOST_PREDICTED
+    maximum = max(MAX_PREDICTED // len(every), 2) if every[1:] else MAX_PREDICTED
     for found in every:
-        parts += [found.take(slice(most))]
+        parts += [found.take(slice(maximum))]
         others += [propose_few_matched(model, parts[-1].assignments[:1])]
         if len(model.images) <= 1:  # several cameras tell the depth
             others += [reverse_depths(model, parts[-1].take(slice(1)))]

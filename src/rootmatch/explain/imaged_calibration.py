@@ -55,7 +55,7 @@ class ImagedCalibration(NamedTuple):
         of_used = found.assignment[used]
         alone = add_detection_noise(task.points, -(noise**2))
         small = not (noise[of_used] > SMALL * alone.detection_noise[of_used]).any()
-        if small or not chances[found.mode] >= task.options.least_probability * chances.sum():
+        if small or not chances[found.mode] >= task.options.required_probability * chances.sum():
             return None
         fit = _fit_errors(found, camera, mode_pose(model, told.modes, found.mode))
         if fit is None or not (np.abs(fit[0]) < STATED).all():

@@ -84,18 +84,18 @@ def _assume_point_errors(found: Finding, task: MatchingTask, missed: float, befo
     return _average_error_sizes(again.with_facts(present=present).scale_probability(own), task, model, error)
 
 
-def _average_error_sizes(again: Finding, task: MatchingTask, exact: DetectionModel, least: float) -> Finding:
+def _average_error_sizes(again: Finding, task: MatchingTask, exact: DetectionModel, minimum: float) -> Finding:
     """A finding of a body with points that are off, in its pose by all sizes of these errors.
 
     The few of `ERRORS` decide what is in view. How large the errors are is what the matches tell; but as a pose takes
-    up what is off alike, they are as large as decided (``least``) or larger. ``exact``: the model without errors.
+    up what is off alike, they are as large as decided (``minimum``) or larger. ``exact``: the model without errors.
     """
     told, _ = again.judged
     modes, k, sizes = told.modes, again.mode, SIZES * exact.radius
     own = modes.take(slice(k, k + 1))
     pose = own.assignments, own.rotation, own.position
     odds = np.array([settle_poses(perturb_points(exact, one), *pose)[0].log_odds[0] for one in sizes.tolist()])
-    error = max(float(np.sqrt(np.exp(odds - np.logaddexp.reduce(odds)) @ sizes**2)), least)
+    error = max(float(np.sqrt(np.exp(odds - np.logaddexp.reduce(odds)) @ sizes**2)), minimum)
     model = perturb_points(exact, error)
     found, at = settle_poses(model, *pose)
     own = own._replace(rotation=at.rotation, position=at.position, covariance=found.covariance)
@@ -155,7 +155,7 @@ def _make_inexact_body(found: Finding, task: MatchingTask, sigma: float) -> Cand
     body = Candidate(task, perturb_points(model, sigma), empty_modes(task.rows))
     predicted = propose_predicted(body.model)
     if predicted is not None:
-        body = copy_with(body, modes=find_modes(body.model, predicted, least=-HOPELESS))
+        body = copy_with(body, modes=find_modes(body.model, predicted, minimum=-HOPELESS))
     return body.add_modes(told.modes)
 
 

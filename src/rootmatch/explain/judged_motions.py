@@ -157,8 +157,8 @@ def _judge_and_search(
 
 def _drop_contested(found: Finding, certainty: Floats, minimal: int) -> Believed | None:
     """What is believed of motions without matches that others may have, (n,); None if that leaves too little of one."""
-    own, least = found.motion_labels, found.facts.min_probability
-    sure = drop_doubtful_matches(found.assignment, certainty, 1.0, least, pose=found.probability or 0.0)
+    own, minimum = found.motion_labels, found.facts.min_probability
+    sure = drop_doubtful_matches(found.assignment, certainty, 1.0, minimum, pose=found.probability or 0.0)
     before = np.bincount(own[own >= 0])
     left = np.bincount(own[sure.assignment >= 0], minlength=len(before))
     return sure if (left >= np.maximum(KEPT * before, minimal + 1)).all() else None

@@ -16,7 +16,7 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.angle_table import Agreeing, Directions, search_angle_table, select_agreeing
 from rootmatch.explain.known_rotation import (
-    MOST_POSES,
+    MAX_POSES,
     assign_about_poses,
     draw_some,
     lines_of_sight,
@@ -68,8 +68,8 @@ def find_pairs_by_angle(task: MatchingTask, known: PosePrior) -> Pairs | None:
     if known.place is None or known.turn is not None:
         return None
     given, rng = _directions(task, *known.place), np.random.default_rng(task.options.seed)
-    most = max(PREDICTED // task.shape[0], FEWEST)
-    found = search_angle_table(given, rng, most=most)
+    maximum = max(PREDICTED // task.shape[0], FEWEST)
+    found = search_angle_table(given, rng, maximum=maximum)
     return None if found is None else _pairs(task, given, found)
 
 
@@ -77,7 +77,7 @@ def _find_all_pairs(task: MatchingTask, place: tuple[Floats, Floats]) -> Pairs:
     """The pairs that agree of all pairs of matches, or of some where there are many."""
     given, rng = _directions(task, *place), np.random.default_rng(task.options.seed)
     first, second = select_agreeing(given, *list_match_pairs(_rows(task, given), given.j, rng))
-    some = draw_some(len(first), MOST_POSES, rng)
+    some = draw_some(len(first), MAX_POSES, rng)
     return _pairs(task, given, Agreeing.of(given, first[some], second[some]))
 
 

@@ -26,15 +26,15 @@ from rootmatch.problems.noise import mean_deviation
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
-MOST_PAIRS = 2_000_000
+MAX_PAIRS = 2_000_000
 """Pairs of matches that are looked at, drawn at random where there are more. A round value."""
-MOST_POSES = 30_000
+MAX_POSES = 30_000
 """Poses whose predictions are compared with all detections, drawn at random where there are more. A round value."""
 KEPT = 12
 """Poses that are assigned and fitted. A round value."""
 BATCH = 4_000_000
 """Numbers of an array that is worked on at once."""
-MOST_RANKED = 1000
+MAX_RANKED = 1000
 """Best poses of pairs among which different ones are looked for. A round value."""
 LAG = 12.0
 """Log-odds, to first order, by which a pose may lag behind the best one. A round value."""
@@ -77,7 +77,7 @@ def assign_about_poses(
 def has_many_pairs(task: MatchingTask) -> bool:
     """Whether there are more pairs of matches than are looked at, before any is excluded."""
     count = task.shape[0] * task.shape[1] if task.allowed is None else int(task.allowed.sum())
-    return math.comb(count, 2) > MOST_PAIRS
+    return math.comb(count, 2) > MAX_PAIRS
 
 
 def lines_of_sight(task: MatchingTask) -> tuple[Floats, Floats, Floats]:
@@ -113,7 +113,7 @@ def _find_agreeing(task: MatchingTask, known: PosePrior, rng: np.random.Generato
         own = mean_deviation(task.points.source_covariance) ** 2
         variance = variance + own[i[first]] + own[i[second]]
     agrees = np.flatnonzero((off <= GATE * np.sqrt(variance)) & (depth_a > 0.0) & (depth_b > 0.0))
-    agrees = agrees[draw_some(len(agrees), MOST_POSES, rng)]
+    agrees = agrees[draw_some(len(agrees), MAX_POSES, rng)]
     first, second = first[agrees], second[agrees]
     one = origins[j[first]] + depth_a[agrees, None] * a[agrees] - turned[i[first]]
     other = origins[j[second]] + depth_b[agrees, None] * b[agrees] - turned[i[second]]
@@ -123,16 +123,16 @@ def _find_agreeing(task: MatchingTask, known: PosePrior, rng: np.random.Generato
 def list_match_pairs(row: Integers, j: Integers, rng: np.random.Generator) -> tuple[Integers, Integers]:
     """Pairs (K,), (K,) of matches of different points and detections: some, if there are many or the time is short."""
     first, second = np.triu_indices(len(j), 1)
-    most = active_deadline().part(LISTED).cut(min(len(first), MOST_PAIRS), SECONDS_PER_PAIR)
-    some = draw_some(len(first), most, rng)
+    maximum = active_deadline().part(LISTED).cut(min(len(first), MAX_PAIRS), SECONDS_PER_PAIR)
+    some = draw_some(len(first), maximum, rng)
     first, second = first[some], second[some]
     different = (j[first] != j[second]) & (row[first] != row[second])
     return first[different], second[different]
 
 
-def draw_some(count: int, most: int, rng: np.random.Generator) -> Integers | slice:
-    """Which of so many to take: all, or as many as ``most``, in order."""
-    return slice(None) if count <= most else np.sort(rng.choice(count, most, replace=False))
+def draw_some(count: int, maximum: int, rng: np.random.Generator) -> Integers | slice:
+    """Which of so many to take: all, or as many as ``maximum``, in order."""
+    return slice(None) if count <= maximum else np.sort(rng.choice(count, maximum, replace=False))
 
 
 def pack_pairs(row: Integers, j: Integers, first: Integers, second: Integers) -> Integers:
@@ -150,8 +150,8 @@ def _possible_matches(
         length = np.linalg.norm(points.normals, axis=1)
         unit = points.normals / np.where(length > 0.0, length, 1.0)[:, None]
         cosine = -(unit @ known.turn[0].T) @ rays.T
-        least = np.zeros(len(unit)) if points.view_cosine is None else points.view_cosine
-        rim = np.cos(np.minimum(np.arccos(least) + GATE * sigma, np.pi))
+        minimum = np.zeros(len(unit)) if points.view_cosine is None else points.view_cosine
+        rim = np.cos(np.minimum(np.arccos(minimum) + GATE * sigma, np.pi))
         allowed = allowed & ((cosine >= rim[:, None]) | (length == 0.0)[:, None])
     if known.place is not None:
         t, covariance = known.place
@@ -178,7 +178,7 @@ def _rank_poses(
         return []
     score, R, place, covariance = (np.concatenate(column) for column in zip(*parts, strict=True))
     kept: list[int] = []
-    for k in np.argsort(-score, kind="stable")[:MOST_RANKED].tolist():
+    for k in np.argsort(-score, kind="stable")[:MAX_RANKED].tolist():
         if score[k] < score.max() - LAG:
             break
         off = np.concatenate([rotation_vector(R[kept] @ R[k].T), place[kept] - place[k]], axis=1)

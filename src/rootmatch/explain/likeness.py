@@ -26,7 +26,7 @@ from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.samplers.point_sets.congruent import GATE, congruent_labellings, is_small
 from rootmatch.samplers.point_sets.motions import fit_motions
 
-LEAST, SHARE = 4, 0.5
+MINIMUM, SHARE = 4, 0.5
 """Fewest points that bodies of a family share, as three look like any others, and the least share of the smaller one's.
 A round value."""
 NEARNESS = 0.02, 0.2, 1.0
@@ -34,11 +34,11 @@ NEARNESS = 0.02, 0.2, 1.0
 they were, and a looser motion would fit all of them badly. Round values."""
 OF_BODY = "points", "normals", "view_cosine", "source_covariance", "rate", "resolution", "allowed", "log_weights"
 """What a model of an image has of its body."""
-MOST_POINTS = 16
+MAX_POINTS = 16
 """Number of points beyond which a body is compared with its copies and mirror images alone: ten milliseconds."""
 
 
-WAYS, LEAST_CHANCE = 4, 1e-4
+WAYS, MIN_CHANCE = 4, 1e-4
 """Ways in which bodies are tried in each other's places if their points have errors, and the least chance of points as
 far apart as theirs. Round values."""
 
@@ -53,9 +53,9 @@ def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
     twin = twin_points(first, second)
     if twin is not None:
         return (twin,)
-    if max(len(first), len(second)) > MOST_POINTS:
+    if max(len(first), len(second)) > MAX_POINTS:
         return ()
-    least = max(LEAST, SHARE * min(len(first), len(second)))
+    minimum = max(MINIMUM, SHARE * min(len(first), len(second)))
     proper, mirrored = list[Integers](), list[Integers]()
     for part in NEARNESS:  # with points that agree as nearly as so many do
         # a distance agrees within GATE of the deviations of both of its ends
@@ -63,7 +63,7 @@ def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
         noise = np.full(len(first), variance), np.full(len(second), variance)
         found = congruent_labellings(PointClouds(first, second, *noise, scaled=False, mirror=False), False)
         for known, every in (proper, found.proper), (mirrored, found.mirrored):
-            known += [one for one in every[:1] if not known and np.count_nonzero(one >= 0) >= least]
+            known += [one for one in every[:1] if not known and np.count_nonzero(one >= 0) >= minimum]
     return (*proper, *mirrored)
 
 
@@ -109,12 +109,12 @@ def _likenesses_by_errors(first: Floats, second: Floats, deviations: Floats, oth
     clouds = PointClouds(first, second, deviations**2, others**2, scaled=False, mirror=False)
     every = congruent_labellings(clouds, False).proper if is_small(clouds) else np.empty((0, len(first)), np.int64)
     matched = (every >= 0).sum(axis=1)
-    every = every[matched >= max(LEAST, SHARE * min(len(first), len(second)))]
+    every = every[matched >= max(MINIMUM, SHARE * min(len(first), len(second)))]
     if not len(every):
         return np.empty((0, len(first)), np.int64)
     fit = fit_point_sets(clouds, every, False)
     ways = np.lexsort((fit.chi2, -(every >= 0).sum(axis=1)))
-    return np.asarray(every[ways[gammaincc(0.5 * fit.dof, 0.5 * fit.chi2)[ways] >= LEAST_CHANCE][:WAYS]])
+    return np.asarray(every[ways[gammaincc(0.5 * fit.dof, 0.5 * fit.chi2)[ways] >= MIN_CHANCE][:WAYS]])
 
 
 def find_copies(bodies: Sequence[tuple[Floats, DetectionModel]]) -> list[Copies] | None:

@@ -72,7 +72,7 @@ class MatchOptions:
         for name, value in (("seed", self.seed), ("max_hyperedges", self.max_hyperedges)):
             if value is None:
                 raise InputError(f"{name}: None given; give a whole number, or leave it out")
-        check_count("seed", self.seed, least=0)
+        check_count("seed", self.seed, minimum=0)
         check_count("samples", self.samples)
         check_count("max_evaluations", self.max_evaluations)
         check_count("max_hyperedges", self.max_hyperedges)
@@ -85,9 +85,9 @@ class MatchOptions:
         check_positive("max_seconds", self.max_seconds)
         check_probability("min_probability", self.min_probability)
         if self.min_probability is not None and self.min_probability >= 1.0 - WRONG_MODEL:
-            most = 1.0 - WRONG_MODEL
+            maximum = 1.0 - WRONG_MODEL
             raise InputError(
-                f"min_probability: {self.min_probability:g} given; give less than {most:g}: no match is more "
+                f"min_probability: {self.min_probability:g} given; give less than {maximum:g}: no match is more "
                 "probable, as the model itself may be wrong"
             )
         check_choice("backend", self.backend, selection.NAMES)
@@ -121,7 +121,7 @@ class MatchOptions:
                 raise InputError(f"{name}: not supported for a rig; leave it out")
 
     @property
-    def least_probability(self) -> float:
+    def required_probability(self) -> float:
         """Probability from which a match is trusted."""
         return MIN_PROBABILITY if self.min_probability is None else self.min_probability
 

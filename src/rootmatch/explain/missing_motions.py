@@ -80,9 +80,9 @@ class Rest(NamedTuple):
         unmatched[self.points] = self.unmatched
         return np.where(assignment < 0, np.fmin(confidence, unmatched), confidence)
 
-    def may_show(self, least: float) -> bool:
+    def may_show(self, minimum: float) -> bool:
         """Whether one more that is asked for may be in view: nothing of it with less than this probability."""
-        return len(self.few) > 0 and self.empty_probability < least
+        return len(self.few) > 0 and self.empty_probability < minimum
 
     def named(self, count: int) -> list[Integers]:
         """What the search named beside what it found, each (count,) as an assignment of all points."""

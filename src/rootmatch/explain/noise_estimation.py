@@ -47,7 +47,7 @@ noise stated. 60 points of which 20 are seen take 2 to 17 million with the noise
 that (`benchmarks/targets.py --sizes 60 --seen 20`)."""
 HALVINGS = 9
 """Of the range of σ² beside a noise of the model, in its logarithm: to within 3 %. A round value."""
-LEAST = 1e-3
+MINIMUM = 1e-3
 """Smallest σ relative to the first guess: exact data have none."""
 
 
@@ -65,7 +65,7 @@ def estimate_noise_and_solve(task: MatchingTask, solve: Callable[[MatchingTask],
             break
         if math.isnan(sigma) or task.deadline.passed():
             break
-        sigma = min(max(sigma, LEAST * first), 4.0 * first)
+        sigma = min(max(sigma, MINIMUM * first), 4.0 * first)
         if max(sigma / guess, guess / sigma) < SETTLED:
             break
         guess = sigma
@@ -157,7 +157,7 @@ def _scale(match: Finding, members: Integers, sigma: float, known: Sequence[Inte
             assignments += [other for other in known if (other >= 0).sum() > match.task.minimal]
         return _image_scale(one_motion, np.array(assignments), sigma) / CENTRE
     if match.noise_factor is not None:
-        return max(match.noise_factor, LEAST) ** 2 / CENTRE
+        return max(match.noise_factor, MINIMUM) ** 2 / CENTRE
     order = members[farthest_point_order(points.source[members])]
     tables = problem.tables(points.subset(order, match.assignment[order]))
     rng = np.random.default_rng(0)
@@ -169,7 +169,7 @@ def _scale(match: Finding, members: Integers, sigma: float, known: Sequence[Inte
 def _image_scale(task: MatchingTask, assignments: Integers, sigma: float) -> float:
     """As `_scale`, from the assignment (of K, n) whose pose explains most, each with the noise about its own pose."""
     proposals, found, _ = make_candidate(task, []).fitted(assignments)
-    scale = np.maximum(found.squared / found.freedom, LEAST**2)
+    scale = np.maximum(found.squared / found.freedom, MINIMUM**2)
     if task.points.source_covariance is not None:
         scale = np.array([_scale_given_source(task, proposals.take(np.array([k])), sigma) for k in range(len(scale))])
     if len(scale) < 2:
@@ -185,7 +185,7 @@ def _image_scale(task: MatchingTask, assignments: Integers, sigma: float) -> flo
 
 def _scale_given_source(task: MatchingTask, proposal: Proposals, sigma: float) -> float:
     """As `_image_scale`, of one assignment with its pose, where a part of the residuals is noise of the model."""
-    low, high = LEAST**2, 1.0 / LEAST**2
+    low, high = MINIMUM**2, 1.0 / MINIMUM**2
     for _ in range(HALVINGS):
         middle = math.sqrt(low * high)
         found, _ = weigh_poses(make_candidate(task.with_noise(sigma * math.sqrt(middle)), []).model, *proposal)

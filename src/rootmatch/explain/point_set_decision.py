@@ -14,7 +14,7 @@ from rootmatch.explain.continued_bodies import LIKELY
 from rootmatch.explain.continued_sets import allow_continued_sets
 from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, empty_tensor, make_unjudged
-from rootmatch.explain.goodness_of_fit import MOST_ALIKE, Misfit, discount_misfit, is_misfit
+from rootmatch.explain.goodness_of_fit import MAX_ALIKE, Misfit, discount_misfit, is_misfit
 from rootmatch.explain.image_decision import BY_ITS_LAW, odds_lead
 from rootmatch.explain.in_time import final_deadline
 from rootmatch.explain.predicted_pose import is_motion_search_needless, predicted_labellings
@@ -226,7 +226,7 @@ def point_set_finding(
     law explains as much.
     """
     task, present, n = base.task, found.present, len(model.clouds.source)
-    least = task.options.least_probability
+    minimum = task.options.required_probability
     first = found if taken is None else found.without(taken)
     is_best = len(first.assignments) == 0 or bool((first.assignments[0] == found.assignments[0]).all())
     if not len(first.assignments):
@@ -240,7 +240,7 @@ def point_set_finding(
                 probability=0.0 if len(found.assignments) else present,
                 contested=len(found.assignments) > 0,
                 lead=0.0,
-                min_probability=least,
+                min_probability=minimum,
             ),
             scores=None if len(found.assignments) else [0.0],
             soft=np.zeros(task.shape),
@@ -255,12 +255,12 @@ def point_set_finding(
     # a motion that is where it is known to be needs no search
     missed = 0.0 if prior_holds else base.facts.missed
     others = found.assignments[1:]
-    sure = found.drop_doubtful(least) if missed <= TRUST.missed and is_best else None
+    sure = found.drop_doubtful(minimum) if missed <= TRUST.missed and is_best else None
     rest = judged if sure is None else model.judge_one(sure[0])
-    least_set = int((rest.fit.assignments >= 0).sum()) <= FEWEST
-    if rest is not judged and least_set and not rest.log_odds[0] > 0.0:
+    min_set = int((rest.fit.assignments >= 0).sum()) <= FEWEST
+    if rest is not judged and min_set and not rest.log_odds[0] > 0.0:
         sure = None  # of five matches three always fit somewhere: by themselves they have to be beyond chance
-    if present >= least and sure is not None:
+    if present >= minimum and sure is not None:
         left_out = (sure[0] < 0) & (assignment >= 0)
         if left_out.any():
             others = found.assignments
@@ -278,7 +278,7 @@ def point_set_finding(
             present=present,
             probability=min(probability, present),
             lead=odds_lead(probability) if base.scoreless else None,
-            min_probability=least,
+            min_probability=minimum,
             false_alarms=math.inf if is_misfit(fault) else -math.inf,
             missed=missed,
         ),
@@ -303,7 +303,7 @@ def point_set_finding(
         return told
     if not prior_holds:
         whole = whole._replace(another=-math.inf)  # which the posterior has
-    as_off = float(np.exp(np.minimum(whole.log_odds_of_errors(task.log_inexact), MOST_ALIKE)).sum())
+    as_off = float(np.exp(np.minimum(whole.log_odds_of_errors(task.log_inexact), MAX_ALIKE)).sum())
     doubted = discount_misfit(told, whole, alike=model.clutter.repeats, as_off=as_off)
     # something is there that does not fit, which the advice says
     return doubted.with_facts(present=present) if is_misfit(fault) else doubted

@@ -92,14 +92,14 @@ def is_motion_search_needless(model: PointSetModel, judged: Judged) -> bool:
     if (assignment >= 0).all():
         return True
     (free,) = np.nonzero(~used_mask(assignment[None], len(clouds.target))[0])
-    most = min(len(free), len(assignment)) - FEWEST
+    maximum = min(len(free), len(assignment)) - FEWEST
     elsewhere = 0.0
-    if most > 0:
+    if maximum > 0:
         size, scale = clouds.target.shape[1], float(judged.fit.scale[best])
         variance = clouds.target_variance[free] + scale**2 * float(clouds.source_variance.mean())
         worth = -model.clutter.log_density[free] - 0.5 * size * (np.log(2.0 * math.pi * variance) + 1.0)
         each = max(mass, 0.0) / np.count_nonzero(assignment >= 0)
-        elsewhere = max(most * each, most * float(worth.mean()) - FEWEST * math.log(len(free)))
+        elsewhere = max(maximum * each, maximum * float(worth.mean()) - FEWEST * math.log(len(free)))
     return mass >= math.log(model.prior.doubt) + elsewhere
 
 

@@ -47,7 +47,7 @@ chance of 1e-6, and sensors have errors that nobody stated. A round value."""
 EXACT = 1e-12
 """Least variance of a direction, radians²."""
 
-LEAST = 1
+MINIMUM = 1
 """Degrees of freedom beyond two that a pose is taken to have at the least, where its noise is estimated."""
 
 
@@ -106,8 +106,8 @@ def is_against_prior(found: Finding) -> bool:
     told, prior = found.posterior, None if found.model is None else own_prior(found.model.prior)
     if told is None or told.origins is None or not isinstance(prior, Doubted) or told.origins[found.mode] >= 0:
         return False
-    chance, least = found.facts.probability or 0.0, found.facts.min_probability
-    return chance * (1.0 - least) >= prior.doubt * (1.0 - chance) * least
+    chance, minimum = found.facts.probability or 0.0, found.facts.min_probability
+    return chance * (1.0 - minimum) >= prior.doubt * (1.0 - chance) * minimum
 
 
 def contradicts(known: PosePrior, pose: Pose) -> bool:
@@ -160,7 +160,7 @@ def finding_poses(found: Finding) -> list[Pose | None]:
     """The most likely pose of each motion of a finding: polished from that of its model if there is one."""
     matched = found.matched_count
     found = copy_with(found, fitted=found.pose or _weighed_pose(found))
-    if found.pose is not None and (found.prior_holds or matched >= found.task.problem.least_for_pose):
+    if found.pose is not None and (found.prior_holds or matched >= found.task.problem.min_for_pose):
         pose = polish_pose(found)
         return [None if pose is None else inflate_estimated_noise(found.task, pose)]
     return fit_match_poses(found.task, [found.assignment], found.motion_labels)[0]
@@ -284,11 +284,11 @@ def fit_match_poses(task: MatchingTask, assignments: list[Integers], motions: In
     the problem's pose needs, or if no pose puts them in front of the camera. All are fitted at once.
     """
     problem = task.problem
-    Capability.POSE.require(problem.least_for_pose, problem.name)
+    Capability.POSE.require(problem.min_for_pose, problem.name)
     count = int(motions.max(initial=-1)) + 1
     labels = np.zeros_like(motions) if count == 1 else motions
     groups = [np.where(labels == label, assignment, -1) for assignment in assignments for label in range(count)]
-    enough = [k for k, group in enumerate(groups) if (group >= 0).sum() >= problem.least_for_pose]
+    enough = [k for k, group in enumerate(groups) if (group >= 0).sum() >= problem.min_for_pose]
     fitted = problem.poses(task.points, np.array([groups[k] for k in enough])) if enough else []
     # a pose predicts no image of a point that is beside the camera
     poses = {
@@ -303,4 +303,4 @@ def inflate_estimated_noise(task: MatchingTask, pose: Pose) -> Pose:
     """A pose with the covariance of its t-distribution, if the noise was estimated from its own residuals."""
     if not task.noise_is_estimated or pose.covariance is None or pose.dof is None:
         return pose
-    return replace(pose, covariance=pose.covariance * (pose.dof / max(pose.dof - 2, LEAST)))
+    return replace(pose, covariance=pose.covariance * (pose.dof / max(pose.dof - 2, MINIMUM)))

@@ -29,7 +29,7 @@ KNOWN = ("p3p", "up2p")
 """Problems of one calibrated camera and points in space; the vertical of an upright camera enters only the fits."""
 
 
-PAIRS_PER_POINT, LEAST_PAIRS = 3.0, 60
+PAIRS_PER_POINT, MIN_PAIRS = 3.0, 60
 """Mean number of candidates per point up to which pairs are enumerated, and number of pairs below which the usual
 search is as quick. Round values; what these and those below find: benchmarks/candidates.py."""
 NEIGHBOURS = 100
@@ -54,16 +54,16 @@ def is_worth_drawing(task: MatchingTask) -> bool:
     if task.allowed is None or task.problem.name not in KNOWN or task.options.chosen_sampler != "auto":
         return False
     count = int(task.allowed.sum())
-    return count >= LEAST_PAIRS and count <= PAIRS_PER_POINT * int(task.allowed.any(axis=1).sum())
+    return count >= MIN_PAIRS and count <= PAIRS_PER_POINT * int(task.allowed.any(axis=1).sum())
 
 
 def find_pair_motions(task: MatchingTask) -> tuple[Solution, SampledTensor]:
     """Groups of one motion each among the candidates, and a tensor of some of their hyper-edges."""
     search = _Search(task)
-    most = math.inf if task.options.motions == "auto" else float(task.options.motions)
+    maximum = math.inf if task.options.motions == "auto" else float(task.options.motions)
     groups: list[Integers] = []
     evidence: list[float] = []
-    while len(groups) < most:
+    while len(groups) < maximum:
         group, value = search.find_next_motion()
         if group is None:
             break

@@ -37,7 +37,7 @@ from rootmatch.model.proposals import (
     solve_minimal_sets,
 )
 from rootmatch.model.shown_in_part import ShownOfCopy
-from rootmatch.problems.pose_fit.rig_fit import LEAST
+from rootmatch.problems.pose_fit.rig_fit import MINIMUM
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.guided.sampler import Guided
 from rootmatch.samplers.guided.stopping import TRUSTED, StoppingOptions, false_alarm_level
@@ -92,7 +92,7 @@ def _search_for_copy(
     (left,) = np.nonzero(~used_mask(verified[:1], task.shape[1]).any(axis=0))
     counts = np.bincount(model.image_indices[left], minlength=len(unmet))
     unmet = np.minimum(counts, unmet)
-    if not len(verified) or unmet.max() < LEAST - 1:
+    if not len(verified) or unmet.max() < MINIMUM - 1:
         return sampled
     hypotheses, evaluated = list[Integers](), sampled.evaluated
     with suppress(OutOfTime):
@@ -105,18 +105,18 @@ def _search_for_copy(
         rest = task.subset(None, left)
         beside = make_detection_model(rest)
         guided = make_guided(budget=max(evaluated // PART, LITTLE), hypotheses=LIMITS[0], stopping=IN_PART)
-        for least in (LEAST, LEAST - 1):
-            for k in np.flatnonzero(unmet >= least).tolist():
+        for minimum in (MINIMUM, MINIMUM - 1):
+            for k in np.flatnonzero(unmet >= minimum).tolist():
                 if shown.unmet_odds(unmet) <= UNMET:
                     break
                 _, own, part = camera_task(rest, k, guided)
-                if least == LEAST:
+                if minimum == MINIMUM:
                     other = sample_once(part)
                     evaluated += other.evaluated
                     hypotheses += _in_all_cameras(rest, k, own, other.assignments)
                 else:
                     hypotheses += (search_rig_triples(part, beside, k, own, guided) or ([], False))[0]
-                unmet[k] = least - 1
+                unmet[k] = minimum - 1
         there, _ = _verify_hypotheses(beside, hypotheses, LIMITS_OF_BOUNDED, narrowing=False)
         verified = np.concatenate([verified, np.where(there >= 0, left[there], -1)])
         return sampled._replace(assignments=verified, evaluated=evaluated)
@@ -127,7 +127,7 @@ def _in_all_cameras(task: MatchingTask, k: int, own: Integers, found: Integers |
     """Assignments (n,) of a camera's detections, of enough points, as those of a task's sightings."""
     n, hypotheses = task.shape[0], list[Integers]()
     for assignment in found if found is not None else []:
-        if (assignment >= 0).sum() >= LEAST:
+        if (assignment >= 0).sum() >= MINIMUM:
             one = np.full(task.rows, -1, np.int64)
             one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
             hypotheses.append(one)
@@ -166,7 +166,7 @@ def _search_cameras(
             if by_triples is not None:
                 hypotheses += by_triples[0]
                 continue  # triples tell all: a search for four there meets nothing else
-        if len(own) < LEAST:
+        if len(own) < MINIMUM:
             continue
         if postponed := in_all and task.budget is not None and cut >= CUT and not (log_odds > TRUSTED).any():
             break
@@ -176,7 +176,7 @@ def _search_cameras(
         missed_by[k] = sampled.missed
         tensors.append(renumber_tensor(sampled.tensor, (np.arange(k * n, (k + 1) * n), own), task.row_shape))
         hypotheses += _in_all_cameras(task, k, own, sampled.assignments)
-        unmet[k] = min(unmet[k], LEAST - 1)  # a pose that shows more here was met
+        unmet[k] = min(unmet[k], MINIMUM - 1)  # a pose that shows more here was met
         if in_all and number + 1 < len(parts):
             new = _verify_hypotheses(model, hypotheses[met:], limits, narrowing=False)
             verified, log_odds = _select_best(model, *_merge((verified, log_odds), new), limits[1])
@@ -199,7 +199,7 @@ def _search_cameras(
                 led, every = search_rig_triples(part, model, k, own, guided) or ([], False)
                 hypotheses += led
                 all_triples |= every
-                unmet[k] = min(unmet[k], LEAST - 2 if every else LEAST - 1)
+                unmet[k] = min(unmet[k], MINIMUM - 2 if every else MINIMUM - 1)
         if len(hypotheses) > met:
             verified, _ = _merge((verified, log_odds), _verify_hypotheses(model, hypotheses[met:], limits))
     tensor = concatenate_tensors(tensors, task.row_shape, task.row_weights, task.options.max_hyperedges)
@@ -215,7 +215,7 @@ def _missed_probability(verified: Integers, missed_by: Floats) -> float:
     """
     if not len(verified):
         return 1.0
-    enough = (verified[0].reshape(len(missed_by), -1) >= 0).sum(axis=1) >= LEAST
+    enough = (verified[0].reshape(len(missed_by), -1) >= 0).sum(axis=1) >= MINIMUM
     return float(missed_by[enough].prod()) if enough.any() else 0.0
 
 
@@ -270,9 +270,9 @@ def _verify_hypotheses(
     """
     if not hypotheses:
         return np.empty((0, model.shape[0]), np.int64), np.empty(0)
-    most, kept = limits
+    maximum, kept = limits
     sets = solve_minimal_sets(model, np.array(hypotheses), model.shape[0]).alone
-    led = gather_assignments(model, sets, least=LEAST, most=most)
+    led = gather_assignments(model, sets, minimum=MINIMUM, maximum=maximum)
     every, found, _ = refit_proposals(model, led)
     parts = [_select_best(model, every.assignments, found.log_odds, kept)]
     number = {pose.tobytes(): k for k, pose in enumerate(sets.rotation)}
@@ -283,23 +283,25 @@ def _verify_hypotheses(
     return parts[0] if len(parts) == 1 else _merge(parts[0], parts[1])
 
 
-def _select_best(model: DetectionModel, assignments: Integers, log_odds: Floats, most: int) -> tuple[Integers, Floats]:
+def _select_best(
+    model: DetectionModel, assignments: Integers, log_odds: Floats, maximum: int
+) -> tuple[Integers, Floats]:
     """The assignments (K, n) of the highest log-odds, see `best_of_places`, and these (K,)."""
-    first = best_of_places(used_mask(assignments, model.shape[1]), log_odds, most)
+    first = best_of_places(used_mask(assignments, model.shape[1]), log_odds, maximum)
     return assignments[first], log_odds[first]
 
 
-def _narrow(model: DetectionModel, sets: Proposals, most: int) -> Proposals | None:
+def _narrow(model: DetectionModel, sets: Proposals, maximum: int) -> Proposals | None:
     """What the poses of some minimal sets lead to where one match narrows the pose for the next; None for nothing.
 
     Three sightings of a small body in one camera leave several detections for a point in another one. Gathered all at
-    once, a single wrong one among them spoils the fit. So many sets as ``most`` are tried, those that explain most as
-    far as their poses are known, whatever they gather at once.
+    once, a single wrong one among them spoils the fit. Up to ``maximum`` sets are tried, those that explain most as far
+    as their poses are known, whatever they gather at once.
     """
     spread, at = weigh_poses(model, *sets)
     possible = np.flatnonzero(np.isfinite(spread.covariance).all(axis=(1, 2)))
     scores = score_predictions(model, at.take(possible), spread.step[possible], spread.covariance[possible])
-    first = possible[np.argsort(-scores, kind="stable")[:most]]
+    first = possible[np.argsort(-scores, kind="stable")[:maximum]]
     every = zip(sets.rotation[first], sets.position[first], spread.covariance[first], strict=True)
     there = [one for one in (propose_about(model, Gaussian(*each)) for each in every) if one is not None]
     return join_proposals(there) if there else None

@@ -50,11 +50,11 @@ def search_rig_triples(
     n = model.shape[0] // len(model.images)
     rows = np.full((len(points), model.shape[0]), -1, np.int64)
     np.put_along_axis(rows, camera * n + points, own[images], axis=1)
-    kept = gather_assignments(model, solve_minimal_sets(model, rows, 3).alone, least=3 + MORE_SIGHTINGS, most=KEPT)
+    kept = gather_assignments(model, solve_minimal_sets(model, rows, 3).alone, minimum=3 + MORE_SIGHTINGS, maximum=KEPT)
     return list(kept.assignments), whole
 
 
-def most_triples(task: MatchingTask) -> int:
+def max_triples(task: MatchingTask) -> int:
     """How many triples of a camera are all looked at where no normals rank them; if there are more, none is."""
     return TRIPLES if task.budget is None else min(max(FEW, task.budget // EVALUATIONS), TRIPLES)
 
@@ -66,8 +66,8 @@ def is_met_by_search(
 
     See `DetectionModel.is_searchable`; one more than a minimal set of points by default.
     """
-    least = task.minimal + 1 if points is None else points
-    return model.is_searchable(assignment, task.minimal, least, triples=most_triples(task))
+    minimum = task.minimal + 1 if points is None else points
+    return model.is_searchable(assignment, task.minimal, minimum, triples=max_triples(task))
 
 
 def _visible_triples(part: MatchingTask, options: GuidedOptions) -> tuple[Integers, Integers, bool] | None:
@@ -86,7 +86,7 @@ def _visible_triples(part: MatchingTask, options: GuidedOptions) -> tuple[Intege
 def _all_triples(part: MatchingTask) -> tuple[Integers, Integers, bool] | None:
     """All triples of points (T, 3) with all images (T, 3); None if they are too many."""
     n, n_target = part.shape
-    if count_triples(n, n_target) > most_triples(part):
+    if count_triples(n, n_target) > max_triples(part):
         return None
     points = np.array(list(combinations(range(n), 3)), np.int64).reshape(-1, 3)
     images = np.array(list(permutations(range(n_target), 3)), np.int64).reshape(-1, 3)

@@ -47,7 +47,7 @@ RELATIVE = 1e-9
 """Difference of two models, in parts of their size, that is rounding."""
 OF_IMAGE = "target", "target_noise", "target_covariance", "normals", "view_cosine"
 """What tells beside the points whether two searches of one camera are the same."""
-MOST_MORE = 3
+MAX_MORE = 3
 """Most detections beyond a minimal set that may be too few for any pose: more hardly ever are. A round value."""
 
 
@@ -111,19 +111,19 @@ def _sample_tensor(task: MatchingTask) -> tuple[SampledTensor, Any]:
     run: Any = {name: getattr(sampling, name) for name in ("candidates", "progress", "deadline")}
     if sampler == "random":
         samples = PAPER_SAMPLES if options.samples is None else int(options.samples)
-        most = LIMITS.random if options.max_evaluations is None else options.max_evaluations
-        if samples > most:
+        maximum = LIMITS.random if options.max_evaluations is None else options.max_evaluations
+        if samples > maximum:
             raise InputError(
-                f"samples: {samples:.3g} given, above the limit of {most:.3g}; give fewer, or raise max_evaluations="
+                f"samples: {samples:.3g} given, above the limit of {maximum:.3g}; give fewer, or raise max_evaluations="
             )
         backend = _choose_backend(task, samples, single)
         tensor, evaluated = random_tensor(*sizes, samples=samples, seed=sampling.seed, backend=backend, **run)
         # hyper-edges that were not drawn are not assumed to agree: a score counts as found
         return SampledTensor(tensor, evaluated), backend
     backend = _choose_backend(task, sampling.sweep_cost, single)
-    most = LIMITS.exhaustive_on_device if selection.is_device(backend) else LIMITS.exhaustive
-    most = most if options.max_evaluations is None else options.max_evaluations
-    check_size(task.shape, sampling.sweep_cost, most)
+    maximum = LIMITS.exhaustive_on_device if selection.is_device(backend) else LIMITS.exhaustive
+    maximum = maximum if options.max_evaluations is None else options.max_evaluations
+    check_size(task.shape, sampling.sweep_cost, maximum)
     tensor, evaluated = exhaustive_tensor(*sizes, max_hyperedges=options.max_hyperedges, backend=backend, **run)
     return SampledTensor(tensor, evaluated + searched), backend
 
@@ -267,7 +267,7 @@ def are_too_few(task: MatchingTask, log_share: float = 0.0) -> bool:
     # with normals most sets cannot be seen together, and nobody has counted the others
     if not alone or task.points.normals is not None or not isinstance(task.problem, P3P | UP2P):
         return False
-    if not minimal < min(n, n_target) <= minimal + MOST_MORE or task.options.packs_motions:
+    if not minimal < min(n, n_target) <= minimal + MAX_MORE or task.options.packs_motions:
         return False
     share = 1.0 if task.allowed is None else float(np.mean(task.allowed))
     if share == 0.0:

@@ -137,7 +137,7 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
             "axis, but an object of nearly the same shape, or another pose, explains as much; check the model, and "
             "give `source_noise=`, or a larger `noise=`, if such errors are realistic"
         )
-    if factor is not None and TRUST.noise_factor <= factor <= TRUST.most_named and _is_noise_larger(finding):
+    if factor is not None and TRUST.noise_factor <= factor <= TRUST.max_named and _is_noise_larger(finding):
         told = f"`noise={factor * noise:.2g}`" if isinstance(noise, int | float) else "a larger `noise=`"
         if _is_pose_with_larger_noise(finding):
             exact = problem.takes_prior and task.points.source_covariance is None
@@ -153,15 +153,15 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
                 f"check {problem.to_check}; set {told} only if that is realistic{causes}"
             )
     if _is_maybe_chance(finding):
-        chance, least = _format_distinct(facts.probability or 0.0, facts.min_probability)
+        chance, minimum = _format_distinct(facts.probability or 0.0, facts.min_probability)
         what = "chance" if 2.0 * math.exp(min(finding.another, 0.0)) < 1.0 - (facts.probability or 0.0) else ANOTHER
         against = "it contradicts {} and is far more probable without it; {}, or ".format(
             *_contradiction_texts(finding)
         )
         to_give = _enumerate_inputs([*_missing_inputs(task), "fewer stray detections"])
         return (
-            f"no trustworthy match: what was found could be {what} (probability {chance}, `min_probability` {least}); "
-            f"{against if is_against_prior(finding) else ''}{to_give}"
+            f"no trustworthy match: what was found could be {what} (probability {chance}, `min_probability` {minimum})"
+            f"; {against if is_against_prior(finding) else ''}{to_give}"
         )
     if stopped_early:
         return (
@@ -271,10 +271,10 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
             f"coplanar; see `other_poses`, {'' if prior else 'or '}{to_tell}{prior}"
         )
     if not len(finding.others) and finding.probability is not None:
-        chance, least = _format_distinct(finding.probability, finding.facts.min_probability)
+        chance, minimum = _format_distinct(finding.probability, finding.facts.min_probability)
         return (
             "ambiguous: no other assignment comes close, but the doubts about single matches add up: all of them are "
-            f"right with a probability of {chance}, less than asked for (`min_probability` {least}); keep those of "
+            f"right with a probability of {chance}, less than asked for (`min_probability` {minimum}); keep those of "
             f"high `confidence`, or {to_tell}"
         )
     return general_advice(Status.AMBIGUOUS, task.problem, to_tell)

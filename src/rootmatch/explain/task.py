@@ -143,10 +143,10 @@ class MatchingTask:
             noise = 0.0  # until it is estimated
         else:
             check_not_exact(noise := join_camera_noise(problem.rig, noise, target))
-        least = 1 if prior is not None and problem.takes_prior else None
+        minimum = 1 if prior is not None and problem.takes_prior else None
         points = problem.validated(
             source, target, noise, normals, view_angle,
-            source_noise=source_noise, least_target=least, distinct=bodies is None,
+            source_noise=source_noise, min_target=minimum, distinct=bodies is None,
         )  # fmt: skip
         points, of_calibration = allow_for_calibration(problem, points)
         pixel = problem.noise_pixels(points.source, points.target)[1]

@@ -35,7 +35,7 @@ from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared_match_share
 from rootmatch.solvers.base import Solution
 
-LEAST = math.log(1e-6)
+MINIMUM = math.log(1e-6)
 """Log-odds of rivals below which there are none. By construction: far below what is told."""
 Rivals = tuple[Integers, Floats]
 """Labellings (K, n) that may be right in the place of the one reported, and the odds (K,) of each."""
@@ -129,15 +129,15 @@ def rival_labellings(model: TwoViewModel, told: TwoViewPosterior, named: Integer
     # looks as if it were there
     other = sample_two_view_posterior(replace(model, log_weights=log_weights), rest, seed, alike=False)
     copy = other.log_evidence + math.log(COPY)
-    if copy < LEAST:
+    if copy < MINIMUM:
         return elsewhere[:0], np.zeros(0)
     # what is displaced is there by as much as it fits worse than the best
     along = np.concatenate([other.proposals[:1], along])
     value = fit_log_evidence(model, fit_likeliest(model, along))
     copies = np.concatenate([copy + np.minimum(value - value[0], 0.0), np.full(len(elsewhere), copy)])
-    elsewhere = np.concatenate([along, elsewhere])[copies > LEAST]
+    elsewhere = np.concatenate([along, elsewhere])[copies > MINIMUM]
     lost = log_loss_probability(model, np.array([first, *elsewhere]))
-    odds = np.exp(np.minimum(lost[1:] - lost[0], 0.0)) / (1.0 + np.exp(-copies[copies > LEAST]))
+    odds = np.exp(np.minimum(lost[1:] - lost[0], 0.0)) / (1.0 + np.exp(-copies[copies > MINIMUM]))
     return elsewhere, odds / max(float(odds.sum()), 1.0)
 
 
@@ -150,9 +150,9 @@ def reported_assignment(told: TwoViewPosterior) -> Integers:
 
 def two_view_finding(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals) -> Finding:
     """A finding with assignment, facts and confidence as a posterior and its `rival_labellings` tell them."""
-    least = base.task.options.least_probability
+    minimum = base.task.options.required_probability
     present = min(told.presences)
-    facts = Facts(present=present, contested=True, min_probability=least, missed=missed)
+    facts = Facts(present=present, contested=True, min_probability=minimum, missed=missed)
     first = reported_assignment(told)
     if not len(told.proposals):
         nothing = first
@@ -171,7 +171,7 @@ def two_view_finding(base: Finding, told: TwoViewPosterior, missed: float, rival
     matched = np.flatnonzero(first >= 0)
     # matches of one motion do not depend on the presence of others
     beside = told.present / present if present > 0.0 else 1.0
-    kept = matched[surest_matches(confidence[matched] / beside, 1.0 - least / beside)]
+    kept = matched[surest_matches(confidence[matched] / beside, 1.0 - minimum / beside)]
     motions = told.label_motions(first)
     counts = [(int((motions[some] == m).sum()) for some in (kept, matched)) for m in range(len(told.presences))]
     enough = all(sure >= max(base.task.problem.minimal + 1, KEPT * own) for sure, own in counts)
@@ -181,8 +181,8 @@ def two_view_finding(base: Finding, told: TwoViewPosterior, missed: float, rival
     if replace(base, facts=facts).status is Status.MATCHED:
         # of a large assignment more are known than are right together
         highest = float(confidence[kept].max())
-        few = share * told.present * joint_probabilities(confidence[kept] / highest, least)
-        while (together := max(share * told.together(first, kept), float(few[-1]))) < least and len(kept) > 1:
+        few = share * told.present * joint_probabilities(confidence[kept] / highest, minimum)
+        while (together := max(share * told.together(first, kept), float(few[-1]))) < minimum and len(kept) > 1:
             kept, few = kept[:-1], few[:-1]
         sure = np.full_like(first, -1)
         sure[kept] = first[kept]

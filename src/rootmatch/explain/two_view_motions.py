@@ -44,12 +44,12 @@ def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) 
         scores=None,
         soft=None,
     )
-    least = task.options.least_probability
+    minimum = task.options.required_probability
     try:
         while (weighed := _weigh_motions(alone, searched, assignment, labels)) is not None:
             told, rivals, left = weighed
             weakest = int(np.argmin(told.presences))
-            if told.presences[weakest] >= least or len(left) == 1:
+            if told.presences[weakest] >= minimum or len(left) == 1:
                 break
             labels[labels == left[weakest]] = -1
     except OutOfTime:
@@ -62,7 +62,7 @@ def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) 
     incomplete = task.options.motions != "auto" and len(left) < task.options.motions
     if rest is not None:
         confidence = rest.lower_confidence(found.assignment, confidence)
-        incomplete = rest.may_show(least)
+        incomplete = rest.may_show(minimum)
     return replace(found.with_facts(incomplete=incomplete), labels=numbers, confidence=confidence)
 
 

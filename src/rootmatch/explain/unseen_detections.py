@@ -26,7 +26,7 @@ from rootmatch.model.views import unproject_detections
 INNER = 0.8
 """Part of the radius of the image circle within which no detection is asked whether the lens shows it: the inverse of a
 lens may take milliseconds. A round value."""
-MOST = 0.5
+MAXIMUM = 0.5
 """Part of the detections that may lie outside of the circle: with more the lens is wrong. A round value."""
 WHATEVER_IS_SEEN = "bodies", "options", "prior_pose", "rivals", "priors", "rivals_of", "found_before"
 """What is known of a task and depends on no detection."""
@@ -42,7 +42,7 @@ def explain_seen(task: MatchingTask, explain: Callable[[MatchingTask], Finding])
     unseen = _find_unseen(task)
     if unseen is None:
         return explain(task)
-    _report(task, unseen, wrong=bool(unseen.all() or (not task.is_predicted and unseen.mean() > MOST)))
+    _report(task, unseen, wrong=bool(unseen.all() or (not task.is_predicted and unseen.mean() > MAXIMUM)))
     columns = np.flatnonzero(~unseen)
     known = {name: getattr(task, name) for name in WHATEVER_IS_SEEN}
     return _restore_detections(explain(task.subset(None, columns, **known)), task, columns)

@@ -133,12 +133,12 @@ def check_motions(motions: Any) -> None:
         raise InputError(f'motions: {quote_value(motions)} given; give a whole number of at least 1, or "auto"')
 
 
-def check_count(name: str, value: Any, least: int = 1) -> None:
-    """Refuse anything but a whole number of at least ``least``; None passes."""
+def check_count(name: str, value: Any, minimum: int = 1) -> None:
+    """Refuse anything but a whole number of at least ``minimum``; None passes."""
     if value is None:
         return
-    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
-        raise InputError(f"{name}: {quote_value(value)} given; give a whole number of at least {least}")
+    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < minimum:
+        raise InputError(f"{name}: {quote_value(value)} given; give a whole number of at least {minimum}")
 
 
 def check_positive(name: str, value: Any) -> None:

@@ -90,14 +90,14 @@ class ZoomCandidate(Candidate):
             parts.append(every._replace(rotation=own))
         return join_proposals(parts)
 
-    def _pose_fits(self, rows: Integers, steps: int, most: int) -> Proposals:
-        """Assignments (K, n) with their lowest fits after some steps, as many as ``most``, of those that there are."""
+    def _pose_fits(self, rows: Integers, steps: int, maximum: int) -> Proposals:
+        """Assignments (K, n) with their lowest fits after some steps, at most ``maximum``, of those that there are."""
         problem = self.task.problem
         assert isinstance(problem, UP2PF)
         if not len(rows):
             return empty_proposals(self.task.rows)
         centre, usual = np.array(problem.centre), self.model.camera.focal
-        fits = zoom_fits(self.task.points, centre, problem.upright, rows, steps, usual=usual, most=most)
+        fits = zoom_fits(self.task.points, centre, problem.upright, rows, steps, usual=usual, maximum=maximum)
         of, which = np.nonzero(np.isfinite(fits.chi2))
         rotation = self.model.encode_focal(fits.rotation[of, which], fits.log_focal[of, which])
         return Proposals(rows[of], rotation, fits.position[of, which])

@@ -21,7 +21,7 @@ CHUNK = 32768
 """Hyper-edges a chunk: about a tenth of a millisecond, which outweighs the start of a thread
 (`rootmatch benchmark`, contraction)."""
 
-MOST_CHUNKS = 64
+MAX_CHUNKS = 64
 
 VALID, OUT_OF_RANGE, SHARED_SOURCE, SHARED_TARGET, BAD_WEIGHT = 0, 1, 2, 3, 4
 """Verdicts of `first_fault`."""
@@ -50,7 +50,7 @@ def contract(indices: NDArray[np.int32], weights: NDArray[np.float64], x: NDArra
 
 def chunk_count(hyperedges: int, correspondences: int) -> int:
     """Chunks of a contraction: enough to share among threads, few enough that clearing their tables costs nothing."""
-    return max(1, min(hyperedges // CHUNK, MOST_CHUNKS, hyperedges // correspondences))
+    return max(1, min(hyperedges // CHUNK, MAX_CHUNKS, hyperedges // correspondences))
 
 
 @driver(nogil=True, error_model="numpy")

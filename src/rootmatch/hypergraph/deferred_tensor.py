@@ -51,18 +51,18 @@ def renumber_tensor(
 
 
 def concatenate_tensors(
-    parts: Sequence[AffinityTensor], shape: tuple[int, int], unary: NDArray[np.float64] | None, most: int
+    parts: Sequence[AffinityTensor], shape: tuple[int, int], unary: NDArray[np.float64] | None, maximum: int
 ) -> AffinityTensor:
     """The hyper-edges of several tensors of the same points, one tensor after the other, the strongest ones at most."""
     indices, weights = zip(*((part.indices, part.weights) for part in parts), strict=True)
     return keep_strongest(
-        AffinityTensor.unchecked(np.concatenate(indices), np.concatenate(weights), shape, unary), most
+        AffinityTensor.unchecked(np.concatenate(indices), np.concatenate(weights), shape, unary), maximum
     )
 
 
-def keep_strongest(tensor: AffinityTensor, most: int) -> AffinityTensor:
+def keep_strongest(tensor: AffinityTensor, maximum: int) -> AffinityTensor:
     """The strongest hyper-edges of a tensor, at most so many, in their order."""
-    if tensor.size <= most:
+    if tensor.size <= maximum:
         return tensor
-    kept = np.sort(np.argpartition(-tensor.weights, most)[:most])
+    kept = np.sort(np.argpartition(-tensor.weights, maximum)[:maximum])
     return AffinityTensor.unchecked(tensor.indices[kept], tensor.weights[kept], tensor.shape, tensor.unary)

@@ -42,14 +42,14 @@ LOOKED = 64
 """First targets of arrangements, or first points of subsets, between two looks at the time."""
 SECONDS_PER_ENTRY = 4e-9
 """Time that an index of a list of subsets or arrangements takes."""
-MOST_BYTES = 3 << 30
+MAX_BYTES = 3 << 30
 """Memory of such a list, at most. A round value."""
 KEPT_POINTS = 1024
 """Points up to which their order is kept for the next frame. A round value."""
 KEPT_SUBSETS = 16_384
 """Subsets, or arrangements, up to which they are kept for the next frame: 400 kB of triples."""
 
-MOST_SHUFFLED = 1 << 20
+MAX_SHUFFLED = 1 << 20
 """Arrangements that are listed for a search in random order; of pairs those of a thousand targets. More than its budget
 lets it try for a wave of minimal sets. A round value."""
 
@@ -82,7 +82,7 @@ _kept_subsets = lru_cache(maxsize=16)(_subsets)
 
 def _check_room(count: int, length: int, size: int) -> None:
     """See that a list of rows of so many indices, each of some bytes, has room in memory and the time left."""
-    if count * length * size > MOST_BYTES:
+    if count * length * size > MAX_BYTES:
         raise InputError(
             f"{count:.3g} sets of {length} points are more than is listed; use fewer points, "
             'sampler="guided" or sampler="random"'
@@ -132,12 +132,12 @@ _kept_arrangements = lru_cache(maxsize=64)(_arrangements)
 
 
 def shuffled_arrangements(rng: np.random.Generator, n_target: int, length: int) -> NDArray[np.int32]:
-    """All ordered choices (P, length) of target points in random order, or `MOST_SHUFFLED` random ones of more."""
-    if math.perm(n_target, length) <= MOST_SHUFFLED:
+    """All ordered choices (P, length) of target points in random order, or `MAX_SHUFFLED` random ones of more."""
+    if math.perm(n_target, length) <= MAX_SHUFFLED:
         every: NDArray[np.int32] = rng.permutation(target_arrangements(n_target, length))
         return every
     checkpoint()
-    return distinct_tuples(rng, MOST_SHUFFLED, n_target, length, np.int32)
+    return distinct_tuples(rng, MAX_SHUFFLED, n_target, length, np.int32)
 
 
 def farthest_point_order(points: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -254,14 +254,14 @@ def _check_count(given: int | None, default: int, name: str) -> int:
     return int(given)
 
 
-def _tuples(points: int, order: int, most: int, rng: np.random.Generator) -> Integers:
+def _tuples(points: int, order: int, maximum: int, rng: np.random.Generator) -> Integers:
     """All increasing tuples (T, order) of indices, or so many different random ones where there are more."""
     count = math.comb(points, order)
-    if count <= most:
+    if count <= maximum:
         return subsets(points, order)
     found = np.empty((0, order), dtype=np.int64)
-    while len(found) < most:
-        merged = np.concatenate([found, distinct_sets(rng, 2 * most, points, order)])
+    while len(found) < maximum:
+        merged = np.concatenate([found, distinct_sets(rng, 2 * maximum, points, order)])
         _, first = np.unique(merged, axis=0, return_index=True)
         found = merged[np.sort(first)]
-    return found[:most]
+    return found[:maximum]

@@ -337,9 +337,9 @@ def _float_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
         raise InputError(f"{name}: expected an array of real numbers, got {quote_value(value)}") from None
 
 
-def strongest_assignments(tensor: AffinityTensor, shape: tuple[int, int], most: int) -> NDArray[np.int64]:
+def strongest_assignments(tensor: AffinityTensor, shape: tuple[int, int], maximum: int) -> NDArray[np.int64]:
     """Assignments (K, n) of the hyper-edges with the largest weights, each alone; ``shape``: (n, n')."""
-    order = np.argsort(-np.asarray(tensor.weights), kind="stable")[:most]
+    order = np.argsort(-np.asarray(tensor.weights), kind="stable")[:maximum]
     i, j = np.divmod(tensor.indices[order].astype(np.int64), shape[1])
     rows = np.full((len(order), shape[0]), -1, np.int64)
     np.put_along_axis(rows, i, j, axis=1)

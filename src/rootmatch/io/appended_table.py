@@ -24,7 +24,7 @@ except ImportError:  # Windows: nothing keeps two processes from one file
     fcntl = None  # type: ignore[assignment]
 
 SETTINGS_SUFFIX = ".settings.json"
-MOST_DIGITS = 18
+MAX_DIGITS = 18
 """Digits of a frame's number: it then is a 64-bit integer, as other programs read it."""
 
 
@@ -172,7 +172,7 @@ class AppendedTable:
     def _parse_frame(self, row: int, line: bytes) -> int:
         text = line.rstrip(b"\n").decode(errors="replace")
         cell, comma, _ = text.partition(",")
-        if not comma or not cell.isascii() or not cell.isdigit() or len(cell) > MOST_DIGITS or "\ufffd" in text:
+        if not comma or not cell.isascii() or not cell.isdigit() or len(cell) > MAX_DIGITS or "\ufffd" in text:
             raise InputError(f"{self.path}, row {row}: {quote_value(text)} is not a row of a frame; remove it")
         return int(cell)
 

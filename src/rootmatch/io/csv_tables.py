@@ -28,10 +28,10 @@ OTHER_NAMES = {
 _UNIT = re.compile(r"\s*[\[(].*[\])]$")
 
 
-def read_text(path: Path, most: int = LARGEST, remedy: str = "split it") -> str:
+def read_text(path: Path, maximum: int = LARGEST, remedy: str = "split it") -> str:
     """The text of a file without a byte-order mark, line endings unchanged; `read_bytes` says what is refused."""
     try:
-        return read_bytes(path, most, remedy).decode("utf-8-sig")
+        return read_bytes(path, maximum, remedy).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(f"{path}: it is not UTF-8 text; save it as UTF-8") from None
 

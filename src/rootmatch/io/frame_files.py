@@ -14,14 +14,14 @@ import numpy as np
 
 from rootmatch.arrays import Floats
 from rootmatch.errors import InputError, quote_value
-from rootmatch.io.appended_table import MOST_DIGITS
+from rootmatch.io.appended_table import MAX_DIGITS
 from rootmatch.io.csv_tables import iterate_rows, parse_header, parse_number
 from rootmatch.io.inputs import name_unreadable
 from rootmatch.io.known_files import COLUMNS, KnownInImage, has_known_columns
 from rootmatch.io.noise_columns import COVARIANCE, find_noise_columns, noise_array, parse_row_noise
 
 STANDARD_INPUT = Path("-")
-MOST_DETECTIONS = 100_000
+MAX_DETECTIONS = 100_000
 """Maximum number of detections in a frame; a match takes a tenth of them."""
 LONGEST_LINE = 1_000_000
 EXACT = 2.0**53
@@ -137,8 +137,8 @@ class _Frames:
     def _add_detection(self, row: int, cells: dict[str, str]) -> None:
         assert self.key is not None
         where, key = f"{self.path}, row {row}", self.key
-        if len(self._points) == MOST_DETECTIONS:
-            raise InputError(f"{where}: more than {MOST_DETECTIONS:,} detections in {self._name(*key)}")
+        if len(self._points) == MAX_DETECTIONS:
+            raise InputError(f"{where}: more than {MAX_DETECTIONS:,} detections in {self._name(*key)}")
         point = [parse_number(self.path, row, axis, cells[axis]) for axis in self.axes]
         self._sigma.append(parse_row_noise(self.path, row, self.noisy, cells))
         self._points.append(point)
@@ -201,7 +201,7 @@ def _iterate_lines(path: Path, stream: TextIO) -> Iterator[str]:
 
 
 def _parse_frame_number(path: Path, row: int, text: str) -> int:
-    if text.isascii() and text.isdigit() and len(text) <= MOST_DIGITS:
+    if text.isascii() and text.isdigit() and len(text) <= MAX_DIGITS:
         return int(text)
     with suppress(ValueError):  # `numpy.savetxt` writes 7 as 7.000000000000000000e+00
         value = float(text)

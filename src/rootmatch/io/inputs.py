@@ -14,15 +14,15 @@ LARGEST = 100_000_000
 """Maximum size of a table of points in bytes; a million points take less."""
 
 
-def read_bytes(path: Path, most: int = LARGEST, remedy: str = "split it") -> bytes:
-    """The content of a file, pipe or device of at most ``most`` bytes."""
+def read_bytes(path: Path, maximum: int = LARGEST, remedy: str = "split it") -> bytes:
+    """The content of a file, pipe or device of at most ``maximum`` bytes."""
     with name_unreadable(path):
         if path.is_dir():
             raise InputError(f"{path}: it is a folder; give the name of a file")
         with path.open("rb") as stream:
-            content = stream.read(most + 1)
-    if len(content) > most:
-        raise InputError(f"{path}: more than the {most:,} bytes that are read; {remedy}")
+            content = stream.read(maximum + 1)
+    if len(content) > maximum:
+        raise InputError(f"{path}: more than the {maximum:,} bytes that are read; {remedy}")
     return content
 
 

@@ -64,7 +64,7 @@ def point_dimension(path: Path) -> int:
 
 
 def read_points(
-    path: Path, dimension: int, least: int = 1, *, of_rig: bool = False, of_image: bool = False
+    path: Path, dimension: int, minimum: int = 1, *, of_rig: bool = False, of_image: bool = False
 ) -> PointSet:
     """Read points of a CSV file with columns ``x,y[,z]``, optional ``id,sigma`` and, in space, also others.
 
@@ -102,8 +102,8 @@ def read_points(
     if ids is not None:
         refuse_repeats(path, [(row, cells["id"]) for row, cells in rows], "id")
     sigma = noise_array(noisy, [parse_row_noise(path, row, noisy, cells) for row, cells in rows])
-    if len(points) < least:
-        raise InputError(f"{path}: too few points, {len(points)} given and at least {least} needed; add points")
+    if len(points) < minimum:
+        raise InputError(f"{path}: too few points, {len(points)} given and at least {minimum} needed; add points")
     return PointSet(points, ids, normals, bodies, sigma=sigma, known=told.end())
 
 

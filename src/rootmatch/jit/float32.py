@@ -24,7 +24,7 @@ from rootmatch.jit.fallback import MISSING, warn_lost
 from rootmatch.jit.internal import internal_function
 
 EPSILON = float(np.finfo(np.float32).eps)
-LEAST, MOST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+MINIMUM, MAXIMUM = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
 """Range of normal single-precision numbers: a constant beyond stands for "next to nothing" or "more than all", and is
 clamped to it, so that it neither divides by zero nor is infinite."""
 ROUNDING = 16.0
@@ -37,7 +37,7 @@ def round_constant(value: Any) -> Any:
     """The twin's version of a kernel's constant: floats are rounded, anything else is unchanged."""
     if isinstance(value, float):
         if np.isfinite(value) and value != 0.0:
-            value = np.copysign(min(max(abs(value), LEAST), MOST), value)
+            value = np.copysign(min(max(abs(value), MINIMUM), MAXIMUM), value)
         return np.float32(value)
     if isinstance(value, tuple):
         return tuple(map(round_constant, value))

@@ -24,13 +24,13 @@ def clear_bits(words: NDArray[np.uint64], row: Integers, column: Integers) -> No
     words.view(np.uint8)[row, column // 8] &= ~(1 << column % 8).astype(np.uint8)
 
 
-def choose_bits(words: NDArray[np.uint64], most: int) -> tuple[Integers, Integers]:
-    """Rows and columns (K,) of the true values of words (R, W), in order; a seeded selection of more than ``most``."""
+def choose_bits(words: NDArray[np.uint64], maximum: int) -> tuple[Integers, Integers]:
+    """Rows and columns (K,) of the true values of words (R, W), in order; of more than ``maximum`` a seeded draw."""
     packed = words.view(np.uint8)
     last = np.cumsum(np.bitwise_count(words).sum(axis=1, dtype=np.int64))
     chosen = np.arange(total := int(last[-1]) if len(last) else 0)
-    if total > most:
-        chosen = np.sort(np.random.default_rng(1).choice(total, most, replace=False))
+    if total > maximum:
+        chosen = np.sort(np.random.default_rng(1).choice(total, maximum, replace=False))
     row = np.searchsorted(last, chosen, "right")
     # how many of its row are true from a chosen one on: from the end of the row it is the first with as many
     rest = np.unpackbits(packed[row], axis=1, bitorder="little")[:, ::-1].cumsum(axis=1, dtype=np.int32)

@@ -22,7 +22,7 @@ PSEUDO = 1.0
 PSEUDO_IN_SPACE = 0.1
 """The same of all crowds together between point sets: most have none, or crowds of one width. With 1, that one in 200
 markers has a ghost, a marker 5 σ away was none in 10 of 300 sets of fiducials; .25 to .03 all do. A round value."""
-MOST = 256
+MAXIMUM = 256
 """Largest number of detections about which others may crowd, drawn at random if there are more. A round value; it
 bounds time and memory."""
 PIECE = 100_000
@@ -71,7 +71,7 @@ class Clutter:
     about : (n', c) float64
         Density per px² at each detection of a member of a crowd about each centre; zero about itself.
     centres : (c,) int64
-        Detections about which others may crowd: all, or `MOST` of them.
+        Detections about which others may crowd: all, or `MAXIMUM` of them.
     uniform : (n',) float64
         Density per px² of a point that lies anywhere in the image of each detection.
     alone : float
@@ -213,8 +213,8 @@ def _fit_clutter(
             target=target.copy(), sigma=sigma.copy(), shares=np.zeros(0), widths=np.empty((0, len(extents))),
         )  # fmt: skip
     centres = np.arange(count)
-    if count > MOST:
-        centres = np.sort(np.random.default_rng(0).choice(count, MOST, replace=False))
+    if count > MAXIMUM:
+        centres = np.sort(np.random.default_rng(0).choice(count, MAXIMUM, replace=False))
     about, widths, shares = np.empty((count, len(centres))), np.empty((SCALES, len(extents))), np.empty(SCALES + 1)
     # copies: what is read-only is another type to a kernel
     target, sigma, uniform = target.copy(), sigma.copy(), uniform.copy()

@@ -259,7 +259,7 @@ def _add_partial_modes(model: DetectionModel, modes: Modes, k: int, uses: Sequen
         shared[best] |= (uses[k][best] @ uses[k].T) & ~is_same_place(uses[k][[best]], uses[k])[0]
     if not shared.any():
         return modes
-    which, assignments = remaining_parts(modes.assignments, others, shared, model.prior.least)
+    which, assignments = remaining_parts(modes.assignments, others, shared, model.prior.minimum)
     if not len(which):
         return modes
     part_of = modes.take(which)

@@ -40,7 +40,7 @@ FAR = ERRORS[OWN:]
 """Those of points that are somewhere else: beyond what all points of a body may be off by."""
 ANOTHER = 0.5
 """Probability that one more point of what is alike is somewhere else: as probably as not."""
-TRIED, MOST = 16, 8
+TRIED, MAXIMUM = 16, 8
 """Most points that are tried as the one that is somewhere else, and most that are so together. Round values; they bound
 time."""
 
@@ -136,7 +136,7 @@ def _weigh_some_off(
         return -math.inf, np.empty((0, len(FAR)))
     out = [np.logaddexp.reduce(each, axis=0) - math.log(n)]
     given = float(each[:, 0].max())
-    surest = order[np.argsort(-each[:, 1:].max(axis=1), kind="stable")][:MOST]
+    surest = order[np.argsort(-each[:, 1:].max(axis=1), kind="stable")][:MAXIMUM]
     if len(surest) > 1:
         sets = np.zeros((len(surest) - 1, n), np.bool_)
         for count, one in enumerate(sets, 2):
@@ -159,7 +159,7 @@ def _weigh_sets_off(
     off = np.tile(sets, (1, images))
     without = np.where(off, -1, assignment)
     found, at = settle_poses(model, without, *pose)
-    (order,) = (np.isfinite(found.log_odds) & ((without >= 0).sum(axis=1) >= model.prior.least)).nonzero()
+    (order,) = (np.isfinite(found.log_odds) & ((without >= 0).sum(axis=1) >= model.prior.minimum)).nonzero()
     order = order[np.argsort(-found.log_odds[order], kind="stable")][:TRIED]
     errors = model.radius * np.append(0.0, FAR)
     out = np.empty((len(order), len(errors)))

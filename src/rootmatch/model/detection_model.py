@@ -155,11 +155,11 @@ class DetectionModel:
         """
         used = assignment >= 0
         counts = np.bincount(self.image_indices[assignment[used]])
-        most = int(counts.max(initial=0))
-        if most != minimal or len(self.images) < 2:
-            return most > minimal
+        maximum = int(counts.max(initial=0))
+        if maximum != minimal or len(self.images) < 2:
+            return maximum > minimal
         if self.normals is None:
-            shown = np.bincount(self.image_indices)[np.flatnonzero(counts == most)]
+            shown = np.bincount(self.image_indices)[np.flatnonzero(counts == maximum)]
             if count_triples(len(self.points) // len(self.images), int(shown.min())) > triples:
                 return False
         distinct = np.count_nonzero(used.reshape(len(self.images), -1).any(axis=0))
@@ -249,8 +249,8 @@ class DetectionModel:
         """What `rootmatch.model.compiled.gating.gate` takes of the image: with covariances, σ on each axis at least."""
         (target, sigma, weights, *_), blur = self.image_for_kernels, ISOTROPIC
         if self.target_covariance is not None:
-            least = np.linalg.eigvalsh(self.target_covariance)[:, 0]
-            sigma, blur = np.sqrt(least), self.target_covariance - least[:, None, None] * np.eye(2)
+            minimum = np.linalg.eigvalsh(self.target_covariance)[:, 0]
+            sigma, blur = np.sqrt(minimum), self.target_covariance - minimum[:, None, None] * np.eye(2)
         return target, sigma, blur, self.clutter.log_density, weights
 
     @once
@@ -340,7 +340,7 @@ def count_triples(n: int, n_target: int) -> int:
 
 
 @lru_cache(maxsize=256)
-def log_count_odds(counts: tuple[int, ...], most: int) -> Floats:
+def log_count_odds(counts: tuple[int, ...], maximum: int) -> Floats:
     """Logarithm (C, most + 1) of the odds of 0, 1, 2 … clutter points fewer than images have detections (C,)."""
-    every = np.array([[math.lgamma(max(count - k, 0) + 0.5) for k in range(most + 1)] for count in counts])
+    every = np.array([[math.lgamma(max(count - k, 0) + 0.5) for k in range(maximum + 1)] for count in counts])
     return np.asarray(every - every[:, :1])

@@ -26,7 +26,7 @@ from rootmatch.model.pose_density import Doubted
 from rootmatch.model.prediction import HIDDEN
 from rootmatch.model.priors import INEXACT, WRONG_MODEL
 
-LEAST, MOST = 2, 4
+MINIMUM, MAXIMUM = 2, 4
 """Points that are elsewhere, at least and at most: of a single one the body is a hundred times as probable as anything
 else, but for one that was in place in the frames before, and four decide. Round values."""
 TOGETHER = 2048
@@ -73,8 +73,13 @@ def _weigh_elsewhere(
     (dark,) = ((own[rows] < 0).all(axis=0) & (shown.sum(axis=0) > 1)).nonzero()
     free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
     free[own[own >= 0]] = False
-    least = _least(model, dark)
-    if len(dark) < least or free.sum() < 2 * least or model.resolution or not np.isfinite(modes.covariance[k]).all():
+    minimum = _minimum(model, dark)
+    if (
+        len(dark) < minimum
+        or free.sum() < 2 * minimum
+        or model.resolution
+        or not np.isfinite(modes.covariance[k]).all()
+    ):
         return None
     mode = modes.take(slice(k, k + 1))
     return cache_answer(_weigh_another, model, (*mode[:4], mode.visible), dark, free)
@@ -92,7 +97,7 @@ def _weigh_another(
     place = _Place(model, at, covariance, np.arange(images)[:, None] * n + dark, lit)
     near, left, body, other = place.gate(free), list(range(len(dark))), list[float](), list[float]()
     tracks, stale, seen = dict[int, _Track](), left, list[Elsewhere]()
-    for count in range(1, min(len(dark), MOST) + 1):
+    for count in range(1, min(len(dark), MAXIMUM) + 1):
         tracks |= zip(stale, place.grow_tracks(near, stale), strict=True)
         best = max(left, key=lambda k: tracks[k].worth)
         track, point = tracks[best], int(dark[best])
@@ -113,7 +118,7 @@ def _weigh_another(
         moved += math.log(WRONG_MODEL if placed is not None and placed[point] else INEXACT)
         body.append(log_odds + moved)
         other.append(log_odds + math.log(WRONG_MODEL) + count * math.log(ANOTHER))
-    if len(other) < _least(model, off.nonzero()[0]):
+    if len(other) < _minimum(model, off.nonzero()[0]):
         return -math.inf, -math.inf, ()
     return float(np.logaddexp.reduce(body)), float(np.logaddexp.reduce(other)), tuple(seen)
 
@@ -123,10 +128,10 @@ def _placed(model: DetectionModel) -> Bools | None:
     return model.prior.placed if isinstance(model.prior, Doubted) else None
 
 
-def _least(model: DetectionModel, dark: Integers) -> int:
+def _minimum(model: DetectionModel, dark: Integers) -> int:
     """How many of the dark points have to be elsewhere to tell: one that was in place tells alone."""
     placed = _placed(model)
-    return LEAST if placed is None or not placed[dark].any() else 1
+    return MINIMUM if placed is None or not placed[dark].any() else 1
 
 
 class _Track(NamedTuple):
@@ -190,7 +195,9 @@ class _Place:
         count, every = len(points), np.arange(len(points))
         spread = np.repeat(self.spread[None], count, axis=0)
         told = _Track(np.zeros(count), np.full((count, len(near)), -1), np.zeros((count, 9)), spread)
-        self._grow_by(told, (first, points, every), detections[:, None], np.ones((count, 1), np.bool_), least=-math.inf)
+        self._grow_by(
+            told, (first, points, every), detections[:, None], np.ones((count, 1), np.bool_), minimum=-math.inf
+        )
         for image in range(len(near)):
             own = np.flatnonzero(near[image].any(axis=1) & (first != image))
             if len(own):
@@ -206,7 +213,7 @@ class _Place:
         which: Integers,
         may: Bools,
         *,
-        least: float = 0.0,
+        minimum: float = 0.0,
     ) -> None:
         """Let some tracks grow by the likeliest of the detections that they may have, where that is worth more.
 
@@ -233,7 +240,7 @@ class _Place:
         more = np.log(chance / (1.0 - chance)) - 0.5 * np.log(determinant) - LOG_2PI
         worth = np.where(may, more[:, None] - 0.5 * squared - model.clutter.log_density[which], -np.inf)
         one = worth.argmax(axis=1)
-        (at,) = (worth[np.arange(len(own)), one] > least).nonzero()
+        (at,) = (worth[np.arange(len(own)), one] > minimum).nonzero()
         one, own = one[at], own[at]
         inverse = np.stack([d, -b, -b, a], axis=-1).reshape(-1, 2, 2)[at] / determinant[at, None, None]
         gain = carried[at].swapaxes(1, 2) @ inverse

@@ -41,7 +41,7 @@ NO_CHANGE = 1e-2
 """Decrease of Q above which a step is worth another evaluation: below it, the evidence is known up to second order, and
 the step itself is taken in the end. A round value."""
 
-STEPS, MOST_STEPS, FAR = 2, 24, 1.0
+STEPS, MAX_STEPS, FAR = 2, 24, 1.0
 """Steps of every hypothesis, those of one that may count, and the decrease of Q above which that is still far from its
 best pose. Where the image hardly tells some of the pose, as of nearly collinear points, two steps leave a fit with 1.2
 times the stated noise at five times it, and eight leave a pose 12° from the best one that counts as another. Round
@@ -162,7 +162,7 @@ def _settle_compiled(
     prior: Mixture,
     *,
     given: int,
-    most: int = 0,
+    maximum: int = 0,
     found: Evidence | None = None,
     hopeless: tuple[float, float, float] = ALL,
     after: tuple[Floats, Floats] = NOWHERE,
@@ -176,7 +176,7 @@ def _settle_compiled(
     cosine = NO_ROWS if at.cosine is None else at.cosine
     settle_hypotheses(
         assignments, (*at[:4], cosine, at.expected, at.rotation, at.position), model.scene_for_kernels,
-        spread or model.spread_for_kernels, prior, (given, most, STEPS, NO_CHANGE, FAR, BEHIND, STEEP, hopeless),
+        spread or model.spread_for_kernels, prior, (given, maximum, STEPS, NO_CHANGE, FAR, BEHIND, STEEP, hopeless),
         tuple(found), after,
     )  # fmt: skip
     return found
@@ -201,7 +201,7 @@ def settle_poses(
         return settle_evidence(model, assignments, *weigh_poses(model, assignments, rotation, position, prior), prior)
     at = image_room(model.shape[0], model.normals is not None, rotation, position)
     rows = np.array(assignments, np.int64)
-    return _settle_compiled(model, rows, at, mixture, given=POSES, most=MOST_STEPS), at
+    return _settle_compiled(model, rows, at, mixture, given=POSES, maximum=MAX_STEPS), at
 
 
 def settle_with_errors(
@@ -222,7 +222,7 @@ def settle_with_errors(
     rows, out = np.array(assignment, np.int64), np.empty(len(errors))
     for k, one in enumerate(wide):
         at.rotation[:], at.position[:] = pose
-        found = _settle_compiled(model, rows, at, mixture, given=POSES, most=MOST_STEPS, spread=(one, of_detections))
+        found = _settle_compiled(model, rows, at, mixture, given=POSES, maximum=MAX_STEPS, spread=(one, of_detections))
         out[k] = found.log_odds[0]
     return out
 
@@ -241,7 +241,7 @@ def settle_likely(
     """
     at, rows = image_room(model.shape[0], model.normals is not None, *poses), np.array(assignments, np.int64)
     after = np.empty(at.rotation.shape), np.empty(at.position.shape)
-    found = _settle_compiled(model, rows, at, prior, given=POSES, most=MOST_STEPS, hopeless=hopeless, after=after)
+    found = _settle_compiled(model, rows, at, prior, given=POSES, maximum=MAX_STEPS, hopeless=hopeless, after=after)
     return found, at, after
 
 
@@ -255,8 +255,8 @@ def settle_evidence(
     """
     if (mixture := kernel_mixture(model, prior)) is not None:
         rows = np.array(assignments, np.int64)
-        return _settle_compiled(model, rows, at, mixture, given=EVIDENCE, most=MOST_STEPS, found=found), at
-    for turn in range(MOST_STEPS):
+        return _settle_compiled(model, rows, at, mixture, given=EVIDENCE, maximum=MAX_STEPS, found=found), at
+    for turn in range(MAX_STEPS):
         going = found.decrement >= (NO_CHANGE if turn < STEPS else FAR)
         if turn >= STEPS:
             going &= found.log_odds > found.log_odds.max() - BEHIND

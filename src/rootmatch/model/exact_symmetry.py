@@ -92,8 +92,8 @@ def fit_exact_shape(
         turn = motion.linear[0]
         moved = points[first] @ turn.T + motion.shift[0]
         deviation = (points[second] - moved).ravel()
-        most = float((variance[first] + variance[second]).max())
-        if float(deviation @ deviation) > FAR**2 * len(deviation) * most:
+        maximum = float((variance[first] + variance[second]).max())
+        if float(deviation @ deviation) > FAR**2 * len(deviation) * maximum:
             return None
         # what the deviations are of the points' noise, and of a small change of the motion
         m, rows = len(first), np.arange(len(first))

@@ -71,9 +71,9 @@ class Exchanged(Mixed):
     others: Sequence[tuple[Gaussian, float]]
 
     @property
-    def least(self) -> int:
-        """See `PoseDensity.least`."""
-        return self.known.least
+    def minimum(self) -> int:
+        """See `PoseDensity.minimum`."""
+        return self.known.minimum
 
     @once
     def for_kernels(self) -> Mixture:

@@ -21,18 +21,18 @@ RATE = 0.7
 """Detection rate that their order supposes; the model of the image judges them later. A round value."""
 
 
-def gather_assignments(model: DetectionModel, proposals: Proposals, *, least: int, most: int) -> Proposals:
+def gather_assignments(model: DetectionModel, proposals: Proposals, *, minimum: int, maximum: int) -> Proposals:
     """What hypotheses lead to, each assignment once, the most likely first, at the poses that led to it.
 
-    ``proposals``: poses with the matches, three or more, that determine them; ``least``: fewest matches of an
-    assignment; ``most``: how many assignments.
+    ``proposals``: poses with the matches, three or more, that determine them; ``minimum``: fewest matches of an
+    assignment; ``maximum``: how many assignments.
     """
     assignments, gains = gather_each(model, proposals)
-    enough = np.flatnonzero(((assignments >= 0).sum(axis=1) >= least) & np.isfinite(gains))
+    enough = np.flatnonzero(((assignments >= 0).sum(axis=1) >= minimum) & np.isfinite(gains))
     kept: dict[bytes, int] = {}
     for k in enough[np.argsort(-gains[enough], kind="stable")].tolist():
         kept.setdefault(assignments[k].tobytes(), k)
-        if len(kept) == most:
+        if len(kept) == maximum:
             break
     return proposals._replace(assignments=assignments).take(np.array(list(kept.values()), np.int64))
 

@@ -40,7 +40,7 @@ REACH = 3.0
 """Deviation, in σ of an alike point, within which a detection may be its own. A round value."""
 SEEN = math.log(9.0)
 """Odds of a point that is seen where it is visible, at most. A round value; it bounds time."""
-LEAST = -3.0
+MINIMUM = -3.0
 """Log-odds, against the body, that an alike one must be able to have to be looked for: it changes a probability by a
 twentieth of what is allowed for. A round value; it bounds time."""
 
@@ -70,13 +70,13 @@ def alike_log_odds(model: DetectionModel, modes: Modes, k: int, taken: Bools | N
     before, out = float(mode.log_odds[0] - mode.log_mass[0]), np.full(len(errors), -np.inf)
     if gains.any():
         counts = log_count_odds((-(-free // images),), gains.shape[1])[0, 1:]
-        most = before + residual_log_gains(model.noise_freedom, residuals, freedom, errors)
-        most += (np.cumsum(np.sort(gains, axis=1)[:, ::-1], axis=1) + counts).max(axis=1)
-        for one in (most + LOG_PRIOR >= LEAST).nonzero()[0].tolist():
+        maximum = before + residual_log_gains(model.noise_freedom, residuals, freedom, errors)
+        maximum += (np.cumsum(np.sort(gains, axis=1)[:, ::-1], axis=1) + counts).max(axis=1)
+        for one in (maximum + LOG_PRIOR >= MINIMUM).nonzero()[0].tolist():
             out[one] = cache_answer(_settle_alike, model, mode[:4], errors[one], taken) - mode.log_mass[0]
     if shared and residuals[0] > freedom:
         out = np.maximum(out, before + _sighting_log_gains(model, mode, errors))
-    return out if (out + LOG_PRIOR >= LEAST).any() else None
+    return out if (out + LOG_PRIOR >= MINIMUM).any() else None
 
 
 def cache_answer(answer: Callable[..., Told], model: DetectionModel, *given: Any) -> Told:

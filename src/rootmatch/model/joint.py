@@ -152,12 +152,12 @@ def _possible_hypotheses(
     found = list[Integers]()
     for k, (used, mass) in enumerate(zip(uses, masses, strict=True)):
         others = np.any([*explained[:k], *explained[k + 1 :]], axis=0)
-        most = np.atleast_2d(mass).max(axis=0) + log_left(used | others) - log_left(used) - log_left(others & ~used)
+        maximum = np.atleast_2d(mass).max(axis=0) + log_left(used | others) - log_left(used) - log_left(others & ~used)
         for of, one in zip(given, masses, strict=True):
             if of == k and one.ndim > 1 and one.size:
                 with np.errstate(invalid="ignore"):  # what is impossible beside both
-                    most += np.nan_to_num(one[:-1] - one[-1]).max(axis=1).clip(min=0.0)
-        found.append(np.flatnonzero(most > IMPOSSIBLE))
+                    maximum += np.nan_to_num(one[:-1] - one[-1]).max(axis=1).clip(min=0.0)
+        found.append(np.flatnonzero(maximum > IMPOSSIBLE))
     return found
 
 
@@ -183,8 +183,8 @@ def _list_marginals(
 def _list_choices(counts: tuple[int, ...]) -> tuple[Integers, Integers]:
     """Every choice of one of so many modes of each body, or none as the last (B, K), and its row among all modes."""
     modes = np.indices([one + 1 for one in counts]).reshape(len(counts), -1)
-    first, most = np.cumsum([0, *counts])[:-1, None], np.array(counts)[:, None]
-    return modes, np.where(modes < most, first + modes, sum(counts))
+    first, maximum = np.cumsum([0, *counts])[:-1, None], np.array(counts)[:, None]
+    return modes, np.where(modes < maximum, first + modes, sum(counts))
 
 
 def _key_weights(wanted: Bools, images: Integers | None, asked: Sequence[bool]) -> tuple[Integers, Integers]:
@@ -232,14 +232,14 @@ def _largest_future_worth(uses: Sequence[Bools], masses: Sequence[Floats], count
 
     What they would take if it was left is no reason to prefer that another one has taken it.
     """
-    most = np.zeros(count)
+    maximum = np.zeros(count)
     for used, mass in zip(uses, masses, strict=True):
         each = np.maximum(np.atleast_2d(mass).max(axis=0), 0.0) / np.maximum(used.sum(axis=1), 1)
-        most = np.maximum(most, (used * each[:, None]).max(axis=0, initial=0.0))
-    return most
+        maximum = np.maximum(maximum, (used * each[:, None]).max(axis=0, initial=0.0))
+    return maximum
 
 
-def thin_hypotheses(log_odds: Floats, most: int) -> tuple[Integers, Floats]:
+def thin_hypotheses(log_odds: Floats, maximum: int) -> tuple[Integers, Floats]:
     """At most so many of hypotheses (K,), and logarithms of factors on their odds, with which they stand for all.
 
     The most probable ones are kept as they are. Of the others, every so often one is kept for as much as lies between:
@@ -248,24 +248,24 @@ def thin_hypotheses(log_odds: Floats, most: int) -> tuple[Integers, Floats]:
     order = np.argsort(-log_odds, kind="stable")
     weights = np.exp(log_odds[order] - log_odds[order[0]])
     rest = weights[::-1].cumsum()[::-1]
-    whole = int((weights[:most] * (most - np.arange(most)) <= rest[:most]).argmax())
-    each = rest[whole] / (most - whole)
+    whole = int((weights[:maximum] * (maximum - np.arange(maximum)) <= rest[:maximum]).argmax())
+    each = rest[whole] / (maximum - whole)
     if not each > 0.0:
         return order[:whole], np.zeros(whole)
-    others = whole + np.searchsorted(weights[whole:].cumsum(), each * (np.arange(most - whole) + 0.5))
+    others = whole + np.searchsorted(weights[whole:].cumsum(), each * (np.arange(maximum - whole) + 0.5))
     return order[np.append(np.arange(whole), others)], np.append(np.zeros(whole), np.log(each / weights[others]))
 
 
-def remaining_parts(assignments: Integers, others: Bools, shared: Bools, least: int) -> tuple[Integers, Integers]:
+def remaining_parts(assignments: Integers, others: Bools, shared: Bools, minimum: int) -> tuple[Integers, Integers]:
     """What remains of assignments (K, n) if others (J, n') take the detections that they share, each part once.
 
-    The row (P,) that each is part of, and the parts (P, n) with so many matches at the ``least``; ``shared`` (J, K):
+    The row (P,) that each is part of, and the parts (P, n) with so many matches at the ``minimum``; ``shared`` (J, K):
     which take anything from which.
     """
     other, row = shared.nonzero()
     own = assignments[row]
     parts = np.where((own >= 0) & others[other[:, None], own], -1, own)
-    (enough,) = (np.count_nonzero(parts >= 0, axis=1) >= least).nonzero()
+    (enough,) = (np.count_nonzero(parts >= 0, axis=1) >= minimum).nonzero()
     known = dict.fromkeys(_row_bytes(assignments), -1)
     for k, part in zip(enough.tolist(), _row_bytes(parts[enough]), strict=True):
         known.setdefault(part, k)

@@ -31,9 +31,9 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import pose_about_point
 
-LEAST_SPREAD = 1e-4
+MIN_SPREAD = 1e-4
 """Least standard deviation, in radians, of a vertical in a density over poses; in a combination of measurements it is
-`rootmatch.problems.pose_fit.pose_prior.LEAST_TILT`."""
+`rootmatch.problems.pose_fit.pose_prior.MIN_TILT`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Known(Mixed):
             precision, log_gain = _precision_and_gain(turn[1], EXACT, 1.0 / ANY_TURN)
             rotations, log_density = (turn[0][None], precision), log_density + log_gain
         elif down is not None:
-            concentration = 1.0 / max(down[2], LEAST_SPREAD) ** 2
+            concentration = 1.0 / max(down[2], MIN_SPREAD) ** 2
             directions = down[0][None], down[1][None], np.array([concentration])
             # the density of directions about one is that of von Mises and Fisher
             sphere = -2.0 * math.pi * math.expm1(-2.0 * concentration)
@@ -90,11 +90,11 @@ class Known(Mixed):
         return Pose.unchecked(R, *pose_about_point(R, position + step[3:], covariance, -self.centre))
 
 
-def _precision_and_gain(covariance: Floats, least: float, broad: float) -> tuple[Floats, float]:
-    """Precision (1, 3, 3) of a measurement no more precise than ``least``, and what it adds to a log density there.
+def _precision_and_gain(covariance: Floats, minimum: float, broad: float) -> tuple[Floats, float]:
+    """Precision (1, 3, 3) of a measurement no more precise than ``minimum``, and what it adds to a log density there.
 
     ``broad``: variance of the density without it.
     """
-    whole = covariance + max(least, 1e-150) ** 2 * np.eye(3)
+    whole = covariance + max(minimum, 1e-150) ** 2 * np.eye(3)
     values = np.linalg.eigvalsh(whole)
     return np.asarray(np.linalg.inv(whole)[None], np.float64), 0.5 * float(np.log1p(broad / values).sum())

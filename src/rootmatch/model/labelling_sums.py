@@ -35,7 +35,7 @@ RARE = 0.02
 """Part of the best labelling's probability up to which nothing is drawn about another one. A round value."""
 PART = 0.6
 """Part of what labellings tell of rates and of σ by which these are drawn, wider than they are. A round value."""
-LEAST = -9.0
+MINIMUM = -9.0
 """Log-odds of a match below which it counts for nothing in any sample."""
 MARGIN = 6.0
 """The same, less this, about the motion of the best labelling. A round value."""
@@ -145,7 +145,7 @@ def sum_labellings(model: PointSetModel, assignments: Integers, probabilities: F
         rate = np.clip(rng.beta(a, b, SAMPLES), 1e-9, 1.0 - 1e-9)
         log_weight -= (a - 1.0) * np.log(rate) + (b - 1.0) * np.log1p(-rate)
     log_weight += n * np.log1p(-rate)
-    rows, columns = np.nonzero(model.gains(fit, 0) > LEAST - MARGIN)
+    rows, columns = np.nonzero(model.gains(fit, 0) > MINIMUM - MARGIN)
     near = model.clutter_about_points(motions, np.ones((SAMPLES, n), np.bool_))
     of_hidden = model.log_hidden_clutter(matched) - model.log_hidden_clutter(min(matched + 1.0, n, n_target))
     log_clutter = model.clutter.log_density_of_all
@@ -153,7 +153,7 @@ def sum_labellings(model: PointSetModel, assignments: Integers, probabilities: F
     log_weight += np.log1p(more).sum(axis=1)
     log_odds = _pair_log_densities(model, motions, exact, (rows, columns)) - (log_clutter + np.log1p(more))[:, columns]
     log_odds += (np.log(rate) - np.log1p(-rate) - np.log(density) + of_hidden)[:, None] + changed[rows]
-    sums = sum_matchings_by_part(log_odds, rows, columns, LEAST)
+    sums = sum_matchings_by_part(log_odds, rows, columns, MINIMUM)
     log_weight += sums.log_total
     known = np.flatnonzero(np.isfinite(log_weight))
     if not len(known):

@@ -27,12 +27,12 @@ NARROW = 0.15
 """That of points that hardly tell how a body is turned about their line. A round value."""
 TURNS = 8
 """Poses about the line. A round value."""
-LEAST = 3
+MINIMUM = 3
 """Points on a line that determine it."""
-FOUR, MOST_POINTS = 4, 64
+FOUR, MAX_POINTS = 4, 64
 """Points on a line of a body that are looked for beside those that were matched, as three are often nearly on one; and
 the largest body in which any are. Round values."""
-MOST, KEPT = 40, 4
+MAXIMUM, KEPT = 40, 4
 """Choices of so many points and detections of a line that are tried, and readings kept, those that fit best. Round
 values."""
 
@@ -66,7 +66,7 @@ def turn_about_lines(model: DetectionModel, modes: Modes) -> Proposals:
         if not is_turn_loose(covariance):
             continue
         (used,) = (row >= 0).reshape(-1, n).any(axis=0).nonzero()
-        line = _find_line(model.points[:n], used) if LEAST <= len(used) < n else None
+        line = _find_line(model.points[:n], used) if MINIMUM <= len(used) < n else None
         if line is None or not np.isfinite(covariance).all():
             continue
         place, direction = position + R @ (line[0] - model.centre), R @ line[1]
@@ -95,7 +95,7 @@ def _is_on_line(model: DetectionModel, assignments: Integers) -> Bools:
     used = assignments >= 0
     rays = np.where(used[..., None], model.rays[np.maximum(assignments, 0)], 0.0)
     across, along, _ = np.linalg.eigvalsh(np.nan_to_num(rays.swapaxes(1, 2) @ rays)).T
-    return np.asarray((used.sum(axis=1) >= LEAST) & (across <= FLAT**2 * along))
+    return np.asarray((used.sum(axis=1) >= MINIMUM) & (across <= FLAT**2 * along))
 
 
 def _read_line(model: DetectionModel, row: Integers) -> list[Integers]:
@@ -127,7 +127,7 @@ def _list_line_choices(points: Floats, count: int) -> list[tuple[Integers, Integ
     of_size: dict[int, tuple[list[tuple[int, ...]], list[tuple[int, ...]]]] = {}
     for line in find_lines(points):
         size = min(len(line), count)
-        if size < FOUR or math.comb(len(line), size) * math.comb(count, size) > MOST:
+        if size < FOUR or math.comb(len(line), size) * math.comb(count, size) > MAXIMUM:
             continue
         own, images = of_size.setdefault(size, ([], []))
         for chosen, seen in product(combinations(line.tolist(), size), combinations(range(count), size)):
@@ -160,7 +160,7 @@ def _is_collinear(points: Floats, width: float = FLAT) -> bool:
 @cache_by_values(64)
 def find_lines(points: Floats) -> list[Integers]:
     """The sets of `FOUR` points or more of a body (n, 3) that are on a line, in their order on it."""
-    if len(points) > MOST_POINTS or len(points) < FOUR:
+    if len(points) > MAX_POINTS or len(points) < FOUR:
         return []
     first, second = np.triu_indices(len(points), 1)
     across = points[second] - points[first]

@@ -13,7 +13,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 
-MOST = 3000
+MAXIMUM = 3000
 """Steps from one state to another. Of more the least odds are left out. A round value: it bounds time."""
 FEWEST = 3
 """Matches of an assignment that tells a relative pose. Fewer agree with poses all over the place, of which samples
@@ -44,7 +44,7 @@ class Matchings(NamedTuple):
         return Matchings(self.log_total[tables], self.rows, self.columns, *chosen)
 
 
-def sum_matchings(log_odds: Floats, rows: Integers, columns: Integers, order: Integers, least: float) -> Matchings:
+def sum_matchings(log_odds: Floats, rows: Integers, columns: Integers, order: Integers, minimum: float) -> Matchings:
     """Sums over all assignments.
 
     Parameters
@@ -58,38 +58,38 @@ def sum_matchings(log_odds: Floats, rows: Integers, columns: Integers, order: In
     least : float
         Log-odds below which a pair counts for nothing in every table.
     """
-    return _drop_small_matchings(_sum_any_size(log_odds, rows, columns, order, least))
+    return _drop_small_matchings(_sum_any_size(log_odds, rows, columns, order, minimum))
 
 
-def sum_matchings_by_part(log_odds: Floats, rows: Integers, columns: Integers, least: float) -> Matchings:
+def sum_matchings_by_part(log_odds: Floats, rows: Integers, columns: Integers, minimum: float) -> Matchings:
     """As `sum_matchings`, where many points have few detections near them: what has none in common is summed by itself.
 
     Its order is found, and the number of steps is bounded for each part.
     """
-    good = np.flatnonzero(log_odds.max(axis=0, initial=-np.inf) > least)
+    good = np.flatnonzero(log_odds.max(axis=0, initial=-np.inf) > minimum)
     rows, columns, log_odds = rows[good], columns[good], log_odds[:, good]
     alone = (np.bincount(rows)[rows] == 1) & (np.bincount(columns)[columns] == 1)
     own = log_odds[:, alone]
     free = -np.logaddexp(0.0, own)
     parts = [Matchings(-free.sum(axis=1), rows[alone], columns[alone], np.exp(own + free), own)]
     for pairs, order in _iterate_components(rows, columns, np.flatnonzero(~alone)):
-        parts.append(_sum_any_size(log_odds[:, pairs], rows[pairs], columns[pairs], order, least))
+        parts.append(_sum_any_size(log_odds[:, pairs], rows[pairs], columns[pairs], order, minimum))
     log_total = np.sum([part.log_total for part in parts], axis=0)
     joined = (np.concatenate(each, axis=-1) for each in zip(*(part[1:] for part in parts), strict=True))
     return _drop_small_matchings(Matchings(log_total, *joined))
 
 
-def _sum_any_size(log_odds: Floats, rows: Integers, columns: Integers, order: Integers, least: float) -> Matchings:
+def _sum_any_size(log_odds: Floats, rows: Integers, columns: Integers, order: Integers, minimum: float) -> Matchings:
     """As `sum_matchings`, over assignments of any number of matches."""
     count, n = len(log_odds), len(order)
     highest = log_odds.max(axis=0)
     while True:
-        good = highest > least
+        good = highest > minimum
         own = [np.flatnonzero(good & (rows == i)) for i in order]
         possible = [columns[some].tolist() for some in own]
-        if _count_transitions(possible) <= MOST:
+        if _count_transitions(possible) <= MAXIMUM:
             break
-        least += HARDER
+        minimum += HARDER
     kept = np.concatenate(own)
     rows, columns, chosen = rows[kept], columns[kept], log_odds[:, kept]
     # each point's own odds sum to one, so that nothing overflows
@@ -197,11 +197,11 @@ def _future_masks(possible: list[list[int]]) -> list[int]:
 
 
 def _count_transitions(possible: list[list[int]]) -> int:
-    """Number of steps from one state to another, or more than `MOST`."""
+    """Number of steps from one state to another, or more than `MAXIMUM`."""
     states, steps = {0}, 0
     for some, mask in zip(possible, _future_masks(possible), strict=True):
         steps += len(states) * (1 + len(some))
-        if steps > MOST:
+        if steps > MAXIMUM:
             return steps
         states = {
             (state | taken) & mask for state in states for taken in (0, *(1 << k for k in some if not state >> k & 1))

@@ -33,7 +33,7 @@ from rootmatch.model.evidence import (
 )
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes, empty_changes, empty_modes, object_array
-from rootmatch.model.pose_density import LEAST
+from rootmatch.model.pose_density import MINIMUM
 from rootmatch.model.priors import COPY, COUNTS
 from rootmatch.model.proposals import Proposals
 
@@ -65,7 +65,7 @@ def find_modes(
     known: Modes | None = None,
     *,
     of_several: bool = False,
-    least: float = -math.inf,
+    minimum: float = -math.inf,
     twins: bool = False,
 ) -> Modes:
     """The distinct poses among some proposals, grown, with the sums over their changes.
@@ -85,7 +85,7 @@ def find_modes(
         Whether the proposals are twins of known modes: one that lacks a part of what it shows seems far behind, and
         grows as well.
     """
-    told = (proposals.assignments >= 0).sum(axis=1) >= model.prior.least
+    told = (proposals.assignments >= 0).sum(axis=1) >= model.prior.minimum
     proposals = proposals if np.count_nonzero(told) == len(told) else proposals.take(told)
     if not (wanted := len(proposals.assignments)):
         return empty_modes(model.shape[0]) if known is None else known
@@ -115,7 +115,7 @@ def find_modes(
             if rivals and (rivals[0] is kept[0] or log_odds < rivals[0].log_mass - far):
                 continue
         mode = _Mode.of(assignments[k], found, poses, k)
-        grows = max(min(rivals[0].log_mass - near, enough), least) if rivals else least
+        grows = max(min(rivals[0].log_mass - near, enough), minimum) if rivals else minimum
         if mode.log_odds > grows and not _is_known(mode, kept):
             mode = _grow(model, mode, at.one(k))
         kept = _add_mode(kept, mode)
@@ -272,7 +272,7 @@ def _grow(model: DetectionModel, mode: _Mode, at: Linearised) -> _Mode:
             to_mode = _small_step(mode.rotation @ at.rotation[0].T, mode.position - at.position[0])
             mode.near = changed, values, weighed.step - to_mode
             vars(mode).pop("changes", None)
-            enough = (changed >= 0).sum(axis=1) >= model.prior.least
+            enough = (changed >= 0).sum(axis=1) >= model.prior.minimum
             best = int(np.where(enough, values, -np.inf).argmax())
             if enough[best] and values[best] > mode.log_odds and turn < ROUNDS:
                 found, settled_at = settle_poses(model, changed[[best]], mode.rotation[None], mode.position[None])
@@ -291,15 +291,17 @@ def _list_mode_changes(
     model: DetectionModel, mode: _Mode, at: Linearised
 ) -> tuple[Integers, Floats, Integers, Integers]:
     """The changes of a mode that are not negligible to first order in its pose, see `likely_mode_changes`."""
-    least = model.prior.least
+    minimum = model.prior.minimum
     *_, log_counts, image_of = model.image_for_kernels
-    may_lose = np.count_nonzero(mode.assignment >= 0) > least or least < LEAST  # one match is no mode, but is weighed
+    may_lose = (
+        np.count_nonzero(mode.assignment >= 0) > minimum or minimum < MINIMUM
+    )  # one match is no mode, but is weighed
     found: tuple[Integers, Floats, Integers, Integers] = likely_mode_changes(
         mode.assignment,
         (at.pixels[0], at.jacobian[0], model.of_points(at)[0], mode.visible, at.seen[0]),
         mode.covariance,
         (*model.gating_image, log_counts, image_of),
-        (math.nan if model.rate is None else model.rate, -NEGLIGIBLE, may_lose, WEIGHED, least),
+        (math.nan if model.rate is None else model.rate, -NEGLIGIBLE, may_lose, WEIGHED, minimum),
     )
     return found
 

@@ -63,15 +63,15 @@ class Modes(NamedTuple):
         """A subset of the modes."""
         return Modes._make([one[which] for one in self])
 
-    def first(self, most: int) -> Modes:
+    def first(self, maximum: int) -> Modes:
         """The most probable modes; these themselves if there are no more."""
-        return self if len(self.log_odds) <= most else self.take(slice(most))
+        return self if len(self.log_odds) <= maximum else self.take(slice(maximum))
 
-    def places(self, count: int, most: int) -> Modes:
+    def places(self, count: int, maximum: int) -> Modes:
         """So many modes, the first ones, and the best one in each other place; ``count`` of detections."""
-        if len(self.log_odds) <= most:
+        if len(self.log_odds) <= maximum:
             return self
-        return self.take(best_of_places(self.uses(count), self.log_mass, most))
+        return self.take(best_of_places(self.uses(count), self.log_mass, maximum))
 
     def and_(self, others: Modes) -> Modes:
         """These modes, followed by others."""
@@ -95,13 +95,13 @@ def is_same_place(uses: Bools, others: Bools | None = None) -> Bools:
     return np.asarray(shared > 0.5 * np.minimum(uses.sum(axis=1)[:, None], others.sum(axis=1)))
 
 
-def best_of_places(uses: Bools, log_odds: Floats, most: int) -> Integers:
-    """Numbers of the ``most`` best of some modes (M,), and of the best in each other place that is beyond clutter.
+def best_of_places(uses: Bools, log_odds: Floats, maximum: int) -> Integers:
+    """Numbers of the ``maximum`` best of some modes (M,), and of the best in each other place that is beyond clutter.
 
     A body that is nearly symmetric has more modes in one place than any limit, and a copy of it may be in another.
     """
     order = np.argsort(-log_odds, kind="stable")
-    best, left = order[:most], order[most:]
+    best, left = order[:maximum], order[maximum:]
     left = left[log_odds[left] > 0.0]
     left = left[~is_same_place(uses[left], uses[best]).any(axis=1)]
     others = list[int]()

@@ -30,7 +30,7 @@ from rootmatch.model.pose_density import ROTATIONS
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, squared_deviations
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, kalman_update, turn_vectors
+from rootmatch.problems.pose_fit.pose_prior import MIN_TILT, PosePrior, kalman_update, turn_vectors
 from rootmatch.problems.pose_fit.shared_errors import EXACT, SharedErrors, SharedPose, copy_shared_errors
 
 DIRECTIONS = 4.0 * math.pi
@@ -257,7 +257,7 @@ def _measure_offsets(known: Pose | PosePrior, fit: PointSetFit, box: Floats) -> 
         source, target, noise = known.down
         across = np.linalg.svd(target[None])[2][1:]  # axes of the turns that tilt it
         off = _tilt_vectors(fit.rotation @ source, target, across) @ across.T
-        tilt = max(noise, LEAST_TILT) ** 2 * np.eye(2)
+        tilt = max(noise, MIN_TILT) ** 2 * np.eye(2)
         parts.append(_Off(off, across @ np.eye(3, fitted), tilt, DIRECTIONS**0.5 * np.eye(2)))
     if known.place is not None:
         t, covariance = known.place

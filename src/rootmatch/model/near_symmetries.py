@@ -31,7 +31,7 @@ nearer than most. A round value."""
 ERRORS = 6.0
 """The same in standard deviations of a coordinate of points that were measured, if that is more: of two such points one
 in a thousand is farther from the other. A round value."""
-LEAST, SHARE = 4, 0.25
+MINIMUM, SHARE = 4, 0.25
 """Number of points that have to be mapped, as fewer matches are never trusted; and share of all: with fewer, hardly any
 side shows only mapped points. The share is a round value."""
 LAW = 6
@@ -48,10 +48,10 @@ TRIPLES, DRAWN = 256, 4096
 """Most triples that are, and how many are drawn for that. A motion is found by any triple that it maps: a share s³ of
 them where it maps a share s of many points. So one that maps half of them is missed with a probability of e⁻³², three
 eighths e⁻¹³, and a quarter, the least that counts, e⁻⁴, or e⁻⁸ where its inverse is another, which is asked for too."""
-MOST_LAID, COUNTED = 1024, 10_000_000
+MAX_LAID, COUNTED = 1024, 10_000_000
 """Most pairs of triples whose motions' mapped points are counted, and most pairs of points that are compared for that.
 A body that has more has many symmetries, of which those that map most remain."""
-MOST = 12
+MAXIMUM = 12
 """Most motions that are kept: a row that is symmetric about three axes has eleven besides itself that map all of it or
 all but an end. A round value."""
 ROUGH = 2.0
@@ -60,10 +60,10 @@ REFINED = 8
 """Number of motions fitted for each one returned, because the number of mapped points may change."""
 ROUNDS = 3
 """Largest number of fits of a motion, each to the points that the previous one maps."""
-STEPS, LEAST_NEAR = 16, 5e-4
+STEPS, MIN_NEAR = 16, 5e-4
 """Steps of the tolerance in which distances are compared, and the least tolerance over the extent of a body: distances
 are up to 2,000 tolerances then, 32,000 steps, and a word of 16 bits holds 32,767."""
-MOST_POINTS = 400
+MAX_POINTS = 400
 """Number of points beyond which no symmetries are sought. A round value: of 300, it takes up to .8 s, once a body."""
 
 
@@ -93,8 +93,8 @@ def same_point_tolerance(source: Floats) -> float:
 
     Where they are near each other, they are told apart, as far as the words of `STEPS` can.
     """
-    least = LEAST_NEAR * float(np.linalg.norm(np.ptp(source, axis=0)))
-    return max(min(TOLERANCE * body_radius(source), float(np.median(neighbour_tolerance(source)))), least)
+    minimum = MIN_NEAR * float(np.linalg.norm(np.ptp(source, axis=0)))
+    return max(min(TOLERANCE * body_radius(source), float(np.median(neighbour_tolerance(source)))), minimum)
 
 
 def neighbour_tolerance(points: Floats) -> Floats:
@@ -126,7 +126,7 @@ def find_symmetries(
     covariance : (n, 3, 3) array, optional
         Of the points, if they were measured.
     """
-    if not LEAST <= len(source) <= MOST_POINTS:
+    if not MINIMUM <= len(source) <= MAX_POINTS:
         return ()
     noise = None if covariance is None else _noise_tolerance(source, covariance)
     return _cache_symmetries(source, normals, mirrored, noise)
@@ -197,24 +197,24 @@ class _Body(NamedTuple):
 
 
 def _search_symmetries(body: _Body) -> list[NearSymmetry]:
-    least = max(LEAST, math.ceil(SHARE * len(body.source)))
+    minimum = max(MINIMUM, math.ceil(SHARE * len(body.source)))
     laid = [_align_triples(body, triples) for triples in _choose_triples(body)]
     rotations, shifts = (np.concatenate(one) for one in zip(*laid, strict=True))
     counts = _count_mapped(body, rotations, shifts)
     found: list[NearSymmetry] = []
-    for _ in range(REFINED * MOST):
-        enough = sorted([one.mapped_count for one in found], reverse=True)[MOST - 1 : MOST]
-        if not len(counts) or counts.max() < max([least, *enough]):
+    for _ in range(REFINED * MAXIMUM):
+        enough = sorted([one.mapped_count for one in found], reverse=True)[MAXIMUM - 1 : MAXIMUM]
+        if not len(counts) or counts.max() < max([minimum, *enough]):
             break
         k = int(counts.argmax())
         one = _refine_motion(body, rotations[k], shifts[k])
         for other in (one, _refine_motion(body, one.rotation.T, -one.rotation.T @ one.shift)):
-            if other.mapped_count >= least and other.moves and not body.is_known_motion(found, other):
+            if other.mapped_count >= minimum and other.moves and not body.is_known_motion(found, other):
                 found.append(other)
         counts = np.where(body.alike(rotations, shifts, one), 0, counts)
         counts[k] = 0
     found.sort(key=lambda one: -one.mapped_count)
-    return found[:MOST]
+    return found[:MAXIMUM]
 
 
 def _align_triples(body: _Body, triples: Integers) -> tuple[Floats, Floats]:
@@ -230,7 +230,7 @@ def _align_triples(body: _Body, triples: Integers) -> tuple[Floats, Floats]:
     both &= pack_words(_is_same_side(steps, steps[b, c]))[triple, j]
     itself = np.flatnonzero((k == a[triple]) & (j == b[triple]))
     clear_bits(both, itself, c[triple[itself]])
-    row, m = choose_bits(both, min(MOST_LAID, COUNTED // n**2))
+    row, m = choose_bits(both, min(MAX_LAID, COUNTED // n**2))
     triple = triple[row]
     first, second = (np.column_stack(one) for one in ((a[triple], b[triple], c[triple]), (k[row], j[row], m)))
     frames = triangle_frames(source[first]), triangle_frames(source[second])

@@ -76,12 +76,12 @@ def weigh_likeness(model: PointSetModel, proposals: Judged) -> Likeness:
     clouds, nothing = model.clouds, Likeness(-math.inf, proposals.fit.assignments[:0], np.empty(0))
     if not proposals.log_odds.max(initial=-np.inf) > 0.0:
         return nothing
-    found = proposals.take(select_rival_motions(proposals, least=-np.inf))
+    found = proposals.take(select_rival_motions(proposals, minimum=-np.inf))
     squared = float(found.fit.scale[0]) ** 2
     noise = float(clouds.target_variance.max() + squared * clouds.source_variance.max())
-    least, level = BEYOND * math.sqrt(noise), float(found.log_odds[0]) - MARGIN
+    minimum, level = BEYOND * math.sqrt(noise), float(found.log_odds[0]) - MARGIN
     every = _likeness_widths(model, math.sqrt(squared))
-    widths = [one for one in every if one.max() > least and _max_alike_log_odds(model, found, one, noise) > level]
+    widths = [one for one in every if one.max() > minimum and _max_alike_log_odds(model, found, one, noise) > level]
     if not widths:
         return nothing
     rivals = found.take(np.flatnonzero(found.log_odds > 0.0))
@@ -118,12 +118,12 @@ def _max_alike_log_odds(model: PointSetModel, found: Judged, width: Floats, nois
     near &= ~used_mask(fit.assignments, near.shape[2])[:, None]
     near &= (fit.assignments < 0)[:, :, None]
     others = np.minimum(near.any(axis=2).sum(axis=1), near.any(axis=1).sum(axis=1))
-    most = found.log_odds + 0.5 * fit.chi2 * (1.0 - 1.0 / widest) - 0.5 * fit.dof * math.log(wider)
+    maximum = found.log_odds + 0.5 * fit.chi2 * (1.0 - 1.0 / widest) - 0.5 * fit.dof * math.log(wider)
     each = model.log_volume - 0.5 * size * (math.log(2.0 * math.pi * noise * wider) + 1.0)
     for k, (matched, more) in enumerate(zip((fit.assignments >= 0).sum(axis=1), others, strict=True)):
         counts = model.log_counts[matched : matched + more + 1]
-        most[k] += float((np.arange(len(counts)) * each + counts - counts[0]).max())
-    return float(most.max())
+        maximum[k] += float((np.arange(len(counts)) * each + counts - counts[0]).max())
+    return float(maximum.max())
 
 
 def _weigh_width(

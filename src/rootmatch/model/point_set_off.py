@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.model.image_alike import ERRORS, LEAST, LOG_PRIOR, REACH, SEEN, residual_log_gains
+from rootmatch.model.image_alike import ERRORS, LOG_PRIOR, MINIMUM, REACH, SEEN, residual_log_gains
 from rootmatch.model.point_set_alike import grow_about
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.priors import NOISE_FREEDOM
@@ -46,11 +46,11 @@ def log_odds_of_errors(
     allowed = _without_taken(model, taken)
     judged, errors = model.judge_one(assignment), ERRORS * body_radius(clouds.source)
     left[assignment[assignment >= 0]] = False
-    most = _most_gained(model, judged.fit, errors, left)
-    if most is None:
+    maximum = _most_gained(model, judged.fit, errors, left)
+    if maximum is None:
         return None
     out = np.full(len(errors), -np.inf)
-    for k in np.flatnonzero(float(judged.log_odds[0]) - log_mass + most + MORE + LOG_PRIOR >= LEAST).tolist():
+    for k in np.flatnonzero(float(judged.log_odds[0]) - log_mass + maximum + MORE + LOG_PRIOR >= MINIMUM).tolist():
         wide = replace(model, repeated=model.clutter, clouds=clouds.off_by(np.full(len(assignment), errors[k])))
         out[k] = wide.judged(grow_about(wide, assignment[None], allowed)).log_odds.max() - log_mass
     return out if np.isfinite(out).any() else None

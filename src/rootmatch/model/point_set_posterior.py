@@ -120,7 +120,7 @@ class PointSetPosterior:
         each = each + absent * (first < 0)
         return np.minimum(each, 1.0 - WRONG_MODEL), np.minimum(unmatched + absent, 1.0 - WRONG_MODEL)
 
-    def drop_doubtful(self, least_probability: float) -> tuple[Integers, float] | None:
+    def drop_doubtful(self, required_probability: float) -> tuple[Integers, float] | None:
         """The first hypothesis without its least certain matches, and the probability that the rest is right.
 
         As many are kept as have the wanted probability together. None if fewer than half have their places with it, as
@@ -131,10 +131,10 @@ class PointSetPosterior:
         order = matched[np.argsort(-self.confidence[0][matched], kind="stable")]
         targets = 1 + int(self.assignments.max()) if self.twins is None else len(self.twins)
         together = self._probabilities_together(order, np.arange(targets) == first[order, None])
-        count = placed = int(np.count_nonzero(together >= least_probability))
+        count = placed = int(np.count_nonzero(together >= required_probability))
         if self.twins is not None and count < len(order):
             in_place = self._probabilities_together(order, self.twins[first[order]])
-            placed = int(np.count_nonzero(in_place >= least_probability))
+            placed = int(np.count_nonzero(in_place >= required_probability))
         if count < FEWEST or placed <= SHARED * len(order):
             return None
         sure = np.full_like(first, -1)

@@ -40,7 +40,7 @@ VAGUE = 1e-3
 same part. A round value."""
 RIDGE = EXACT * np.eye(6)
 """Of a covariance in units of its standard deviations."""
-LEAST = 3
+MINIMUM = 3
 """Matches of a mode: with fewer a pose is not determined unless it is predicted, and a body that shows no more is not
 told from clutter."""
 
@@ -77,9 +77,9 @@ class PoseDensity(ABC):
     """A density over rotations R (left perturbation ω, rad) and positions of the body's centre in the camera frame."""
 
     @property
-    def least(self) -> int:
+    def minimum(self) -> int:
         """Matches of a mode."""
-        return LEAST
+        return MINIMUM
 
     @property
     def for_kernels(self) -> Mixture | None:
@@ -195,8 +195,8 @@ class Gaussian(Mixed):
     def bounded_covariance(self) -> Floats:
         """The covariance, no more certain than `EXACT` in any direction, and of no more than all rotations."""
         distance = max(math.sqrt(self.position @ self.position), 1e-300)
-        least = EXACT * np.array([1.0, 1.0, 1.0, distance, distance, distance])
-        scale = np.sqrt(np.maximum(self.covariance.diagonal(), least**2))
+        minimum = EXACT * np.array([1.0, 1.0, 1.0, distance, distance, distance])
+        scale = np.sqrt(np.maximum(self.covariance.diagonal(), minimum**2))
         unit = scale[:, None] * scale
         bounded = np.asarray((self.covariance / unit + RIDGE) * unit)
         if (bounded[0, 0] + bounded[1, 1] + bounded[2, 2]) * ANY_TURN <= 1.0:
@@ -255,7 +255,7 @@ class Doubted(Mixed):
         return {}
 
     @once
-    def least(self) -> int:
+    def minimum(self) -> int:
         """See `PoseDensity`: one match is one coincidence, which a clutter point that stands still repeats."""
         return 2 if self._gaussian_indices else 3
 

@@ -129,7 +129,7 @@ class Posterior:
             origins=origins, copy=whole * self.copy * math.exp(-top), copies=self.copies,
         )  # fmt: skip
 
-    def ranked(self, most: int) -> list[tuple[Integers, float]]:
+    def ranked(self, maximum: int) -> list[tuple[Integers, float]]:
         """Different assignments with their probabilities: those of the modes, and changes of them that were weighed."""
         modes = self.modes
         rows, odds, mode = [modes.assignments], [modes.log_odds], [np.arange(len(modes.log_odds))]
@@ -141,11 +141,11 @@ class Posterior:
         shares = self.probabilities[of] * np.exp(np.minimum(np.concatenate(odds) - modes.log_mass[of], 0.0))
         total: dict[bytes, float] = {}
         place: dict[bytes, int] = {}
-        for k in np.argsort(-shares, kind="stable")[: 4 * most].tolist():
+        for k in np.argsort(-shares, kind="stable")[: 4 * maximum].tolist():
             key = every[k].tobytes()
             total[key] = total.get(key, 0.0) + float(shares[k])
             place.setdefault(key, k)
-        return [(every[place[key]], total[key]) for key in sorted(total, key=lambda key: -total[key])[:most]]
+        return [(every[place[key]], total[key]) for key in sorted(total, key=lambda key: -total[key])[:maximum]]
 
     def believe(self, min_probability: float, lit: Floats | float = 1.0) -> Believed | None:
         """The first assignment without its doubtful matches; None if its pose has not the least probability.
@@ -178,18 +178,18 @@ class Others(Sequence[Integers]):
     """
 
     told: Posterior
-    most: int
+    maximum: int
     than: Integers | None = None
 
     @once
     def ranked(self) -> list[tuple[Integers, float]]:
         """The assignments with their probabilities, the most probable first."""
-        every = self.told.ranked(1 + self.most)
+        every = self.told.ranked(1 + self.maximum)
         if self.than is None:
             return every
         # an assignment that merely leaves out some of the points is not a different one
         different = [(one, chance) for one, chance in every if ((one >= 0) & (one != self.than)).any()]
-        return different[: self.most]
+        return different[: self.maximum]
 
     @once
     def assignments(self) -> list[Integers]:

@@ -32,7 +32,7 @@ ENTRIES = 200_000
 
 GATE = 4.0
 """Standard deviations of a prediction, its own and the detection's, within which a detection is a candidate."""
-MOST_PAIRS = 400
+MAX_PAIRS = 400
 """Candidate pairs in an image beyond which a prediction is too wide to propose anything."""
 TRIED = 64
 """Most single correspondences that are tried, those of the points with the fewest candidates. Not tuned."""
@@ -124,14 +124,14 @@ def propose_about_each(
 def _settle_about(model: DetectionModel, prediction: Gaussian, *, narrowing: bool = True) -> tuple[list[Settled], bool]:
     """The assignments of `propose_about`, and whether one fits that was settled at once."""
     pose, covariance = (prediction.rotation[None], prediction.position[None]), prediction.bounded_covariance
-    most = MOST_PAIRS * max(len(model.images), 1)
+    maximum = MAX_PAIRS * max(len(model.images), 1)
     known: dict[bytes, Settled] = {}
     start, near, torn = None, 0, list[tuple[Looked, Floats]]()
     for _ in range(NARROWER):
-        looked = look_about(model, pose, covariance, rounds=ROUNDS, most=most)
+        looked = look_about(model, pose, covariance, rounds=ROUNDS, maximum=maximum)
         if not (count := np.count_nonzero(looked.candidates)):
             break
-        if count <= most:
+        if count <= maximum:
             try:
                 start = settle_assignment(model, pose, covariance, known=known, looked=looked)
             except OutOfTime:
@@ -214,10 +214,10 @@ def look_about(
     covariance: Floats,
     *,
     rounds: int = ROUNDS,
-    most: float = math.inf,
+    maximum: float = math.inf,
     at: Linearised | None = None,
 ) -> Looked:
-    """What is seen about a pose; nothing follows from it with more than ``most`` candidates.
+    """What is seen about a pose; nothing follows from it with more than ``maximum`` candidates.
 
     ``at``: images about it, if they are known and the points or detections have covariances.
     """
@@ -234,7 +234,7 @@ def look_about(
     found, rows = evidence_buffers(rounds, n), np.empty((rounds, n), np.int64)
     candidates, visible = np.empty(shape, np.bool_), np.empty(n)
     count = follow_gates(
-        np.array(covariance), model.scene_for_kernels, prior, (*limits, float(most), STEEP),
+        np.array(covariance), model.scene_for_kernels, prior, (*limits, float(maximum), STEEP),
         (*at[:4], at.for_kernels[0], at.expected, at.rotation, at.position), (rows, tuple(found)),
         (candidates, visible, *gated),
     )  # fmt: skip
@@ -272,10 +272,10 @@ def _kalman_updates(
     pairs = np.empty((max(TRIED, n_target), 2), np.int64)
     count = choose_pairs(points, about, image, candidates, (GATE**2, TRIED), pairs)
     steps, covariances, scores = np.empty((count, 6)), np.empty((count, 6, 6)), np.empty(count)
-    most = max(ENTRIES // (n * n_target), 1)
-    for begin in range(0, count, most):
+    maximum = max(ENTRIES // (n * n_target), 1)
+    for begin in range(0, count, maximum):
         checkpoint()
-        part = slice(begin, min(begin + most, count))
+        part = slice(begin, min(begin + maximum, count))
         out = steps[part], covariances[part], scores[part]
         update_with_each(points, about, image, candidates, pairs[part], out)
     return steps, covariances, scores

@@ -19,7 +19,7 @@ from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import STEEP, Evidence, settle_poses, weigh_poses
 from rootmatch.model.linearised import Linearised
-from rootmatch.model.pose_density import LEAST
+from rootmatch.model.pose_density import MINIMUM
 from rootmatch.model.views import camera_frames
 
 FEW = 6
@@ -67,9 +67,9 @@ def propose_few_matched(model: DetectionModel, assignments: Integers) -> Proposa
     """
     seen = (assignments >= 0).reshape(len(assignments), max(len(model.images), 1), -1)
     each = seen.sum(axis=2)
-    few = (each.max(axis=1) >= LEAST) & (seen.any(axis=1).sum(axis=1) <= FEW)
+    few = (each.max(axis=1) >= MINIMUM) & (seen.any(axis=1).sum(axis=1) <= FEW)
     if seen.shape[1] > 1:
-        few &= (seen.sum(axis=1) > 1).sum(axis=1) < LEAST
+        few &= (seen.sum(axis=1) > 1).sum(axis=1) < MINIMUM
     if not few.any():
         return empty_proposals(assignments.shape[1])  # rays of a lens take longer than all the rest
     some = assignments[few]
@@ -99,7 +99,7 @@ class MinimalSets(NamedTuple):
         return self.proposals._replace(assignments=own)
 
 
-def solve_minimal_sets(model: DetectionModel, assignments: Integers, most: int) -> MinimalSets:
+def solve_minimal_sets(model: DetectionModel, assignments: Integers, maximum: int) -> MinimalSets:
     """As `propose_few_matched`, of up to so many matches in a camera."""
     assignments = np.array(assignments, np.int64)
     rotations, translations = camera_frames(model.camera)
@@ -111,7 +111,7 @@ def solve_minimal_sets(model: DetectionModel, assignments: Integers, most: int) 
         (model.image_for_kernels[0], model.rays),
         assignments,
         (rotations, translations),
-        most,
+        maximum,
         (of, members, rotation, position),
     )
     proposals = Proposals(assignments[of[:count]], rotation[:count], position[:count])

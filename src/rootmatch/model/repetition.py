@@ -26,7 +26,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
-from rootmatch.model.clutter import MOST, STEPS, Clutter
+from rootmatch.model.clutter import MAXIMUM, STEPS, Clutter
 from rootmatch.model.compiled.crowds import fit_crowd_shares
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.priors import ALIKE
@@ -69,7 +69,7 @@ def find_repetition(model: PointSetModel, proposals: Judged) -> Repeated | None:
     Either model may be the right one, and what the object explains repeats as it does itself, so both are weighed.
     """
     rivals = select_rival_motions(proposals)
-    if len(rivals) < 2 or len(model.clouds.target) > MOST:
+    if len(rivals) < 2 or len(model.clouds.target) > MAXIMUM:
         return None
     found = _build_repetition(model, proposals.take(rivals))
     if found is None:
@@ -82,12 +82,12 @@ def find_repetition(model: PointSetModel, proposals: Judged) -> Repeated | None:
     return Repeated(own, own.judged(proposals.fit.assignments), with_it - without - found[1])
 
 
-def select_rival_motions(found: Judged, least: float = 0.0, most: int = RIVALS) -> Integers:
+def select_rival_motions(found: Judged, minimum: float = 0.0, maximum: int = RIVALS) -> Integers:
     """Labellings of different motions with more than some log-odds, the best first."""
     assignments, kept = found.fit.assignments, list[int]()
-    better = np.flatnonzero(found.log_odds > least)
+    better = np.flatnonzero(found.log_odds > minimum)
     left = better[np.argsort(-found.log_odds[better], kind="stable")]
-    while len(left) and len(kept) < most:
+    while len(left) and len(kept) < maximum:
         one, others = assignments[left[0]], assignments[left]
         kept.append(int(left[0]))
         fewer = np.minimum((others >= 0).sum(axis=1), int((one >= 0).sum()))
@@ -193,7 +193,7 @@ def _build_repetition(model: PointSetModel, rivals: Judged) -> tuple[Clutter, fl
 
 def add_displaced(model: PointSetModel, proposals: Judged) -> Judged:
     """Labellings with those that the motions between rivals make of them, as long as these are better than clutter."""
-    rivals = select_rival_motions(proposals, most=DISPLACED)
+    rivals = select_rival_motions(proposals, maximum=DISPLACED)
     if len(rivals) < 2:
         return proposals
     first, last = _homogeneous_matrices(proposals.take(rivals[:1])), proposals.take(rivals)
@@ -209,7 +209,7 @@ def add_displaced(model: PointSetModel, proposals: Judged) -> Judged:
         more = more[[bytes(one) not in known for one in more]]
         known.update(map(bytes, more))
         judged = model.judged(more)
-        last = judged.take(select_rival_motions(judged, most=DISPLACED))
+        last = judged.take(select_rival_motions(judged, maximum=DISPLACED))
         if not len(last.log_odds):
             break
         proposals = proposals.joined(last)

@@ -21,7 +21,7 @@ from rootmatch.algebra.rotation import spread_rotations
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.compiled.occluder import OCCLUDED
 from rootmatch.model.detection_model import HIGHEST_RATE, DetectionModel
-from rootmatch.model.pose_density import LEAST
+from rootmatch.model.pose_density import MINIMUM
 from rootmatch.model.priors import PRESENT_ODDS
 from rootmatch.model.views import camera_frames
 
@@ -56,7 +56,7 @@ class FewShown:
     """
 
     model: DetectionModel
-    most: int
+    maximum: int
     counts: Integers
     unmet: float = 0.0
 
@@ -72,11 +72,11 @@ class FewShown:
         shares = np.concatenate([SIGHT[0] * np.exp(log_weights), SIGHT[1:]])
         chance = (visible.T[:, :, None] * each).reshape(len(self.counts), -1, len(visible) * len(each))
         cases = np.outer(some / some.sum(), shares).reshape(-1)
-        odds, few = odds_of_few(chance, cases, self.counts, self.most)
+        odds, few = odds_of_few(chance, cases, self.counts, self.maximum)
         present = math.exp(PRESENT_ODDS)
         without, whole = 1.0 + present * odds * few, 1.0 + present * odds
-        if self.unmet and (self.counts > self.most).any():
-            part, own = odds_of_few(chance, cases, np.full_like(self.counts, ANY), self.most)
+        if self.unmet and (self.counts > self.maximum).any():
+            part, own = odds_of_few(chance, cases, np.full_like(self.counts, ANY), self.maximum)
             without += present * self.unmet * np.maximum(1.0 - (chance @ cases).reshape(-1) - part * own, 0.0)
             whole += present * self.unmet * (1.0 - part)
         return np.asarray(without / whole)
@@ -94,20 +94,20 @@ class ShownOfCopy:
     @classmethod
     def of(cls, model: DetectionModel, counts: Integers, matched: int, visible: float) -> ShownOfCopy:
         """That of a body with so many matches of its ``visible`` points, among the detections (C,) that it leaves."""
-        visibility, most = _typical_visibility(model, FEW_TURNS), int(counts.max())
-        few = count_distributions(visibility, model.rate_quadrature[0], len(counts), most)
+        visibility, maximum = _typical_visibility(model, FEW_TURNS), int(counts.max())
+        few = count_distributions(visibility, model.rate_quadrature[0], len(counts), maximum)
         some = 1.0 - np.prod(1.0 - visibility, axis=1)  # what shows no point is not in view
         told = rate_weights(model, np.array([matched]), np.array([visible]))[0]
-        odds = (few * count_ways_to_own(counts, most)).cumsum(axis=0).reshape(*few.shape[:2], len(some), -1)
+        odds = (few * count_ways_to_own(counts, maximum)).cumsum(axis=0).reshape(*few.shape[:2], len(some), -1)
         return cls(odds, np.outer(some / some.sum(), np.outer(told, SIGHT)))
 
-    def unmet_odds(self, most: Integers) -> float:
+    def unmet_odds(self, maximum: Integers) -> float:
         """Odds, against clutter alone, that it shows no more than so many points (C,), but a minimal set in one image.
 
         By the numbers of detections; prior odds apart.
         """
-        images = np.arange(len(most))
-        few, fewer = (self.odds[each, images].prod(axis=0) for each in (most, np.minimum(most, LEAST - 1)))
+        images = np.arange(len(maximum))
+        few, fewer = (self.odds[each, images].prod(axis=0) for each in (maximum, np.minimum(maximum, MINIMUM - 1)))
         return float((self.weights * (few - fewer)).sum())
 
 
@@ -120,7 +120,7 @@ def rate_weights(model: DetectionModel, matched: Integers, visible: Floats) -> F
     return np.asarray(told / told.sum(axis=1)[:, None])
 
 
-def odds_of_few(chance: Floats, weights: Floats, counts: Integers, most: int) -> tuple[float, Floats]:
+def odds_of_few(chance: Floats, weights: Floats, counts: Integers, maximum: int) -> tuple[float, Floats]:
     """Odds W that at most so few points of each of C images are detected, against clutter alone.
 
     ``chance`` (C, n, H): of each point to be detected, in each of H cases, whose probabilities are ``weights`` (H,);
@@ -133,18 +133,18 @@ def odds_of_few(chance: Floats, weights: Floats, counts: Integers, most: int) ->
     (C n,) float array
         Probability that each point is not detected, if that is so.
     """
-    log_each, odds, sums, ways, whole = sum_small_subsets(chance, counts, most)
+    log_each, odds, sums, ways, whole = sum_small_subsets(chance, counts, maximum)
     each = weights * np.exp(log_each)
     total = max(float(each.sum()), 1e-300)
     others, detected = np.ones_like(odds), np.zeros(odds.shape[:2])
-    for k in range(1, most + 1):
+    for k in range(1, maximum + 1):
         with_it = odds * others
         detected += np.einsum("cph,ch->cp", with_it, each * ways[k] / whole)
         others = sums[k][:, None] - with_it  # the sets of k points without this one
     return total, np.clip(1.0 - detected.reshape(-1) / total, 0.0, 1.0)
 
 
-def sum_small_subsets(chance: Floats, counts: Integers, most: int) -> tuple[Floats, ...]:
+def sum_small_subsets(chance: Floats, counts: Integers, maximum: int) -> tuple[Floats, ...]:
     """Logarithms (H,) of the odds that `odds_of_few` sums in each of some cases, and what they are made of.
 
     Odds (C, n, H) of each point; their products (most + 1, C, H), summed over the sets of 0, 1, … points; and the ways
@@ -152,31 +152,31 @@ def sum_small_subsets(chance: Floats, counts: Integers, most: int) -> tuple[Floa
     """
     chance = np.minimum(chance, HIGHEST_RATE)
     odds = chance / (1.0 - chance)
-    sums = np.zeros((most + 1, len(odds), odds.shape[2]))
+    sums = np.zeros((maximum + 1, len(odds), odds.shape[2]))
     sums[0] = 1.0
     for point in range(odds.shape[1]):
         sums[1:] += odds[:, point] * sums[:-1]
-    ways = count_ways_to_own(counts, most)
+    ways = count_ways_to_own(counts, maximum)
     whole = (ways * sums).sum(axis=0)
     return np.log1p(-chance).sum(axis=(0, 1)) + np.log(whole).sum(axis=0), odds, sums, ways, whole
 
 
-def count_ways_to_own(counts: Integers, most: int) -> Floats:
+def count_ways_to_own(counts: Integers, maximum: int) -> Floats:
     """Ways (most + 1, C, 1) to own 0, 1 … of the detections (C,) of images, times the odds that others are clutter."""
-    ways = np.ones((most + 1, len(counts), 1))
-    for k in range(1, most + 1):
+    ways = np.ones((maximum + 1, len(counts), 1))
+    for k in range(1, maximum + 1):
         left = np.maximum(counts - k + 1, 0)[:, None]
         ways[k] = ways[k - 1] * left / (np.maximum(left, 1) - 0.5)
     return ways
 
 
-def count_distributions(visible: Floats, rates: Floats, images: int, most: int) -> Floats:
+def count_distributions(visible: Floats, rates: Floats, images: int, maximum: int) -> Floats:
     """Probability (most + 1, C, S Q H) that 0, 1 … points of each image are detected, with any part in sight.
 
     ``visible`` (S, C n): visibility in each pose; ``rates`` (Q,); for the probabilities of the parts see `SIGHT`.
     """
     each = np.minimum((rates[:, None] * np.array((1.0, *IN_SIGHT))).reshape(-1), HIGHEST_RATE)
-    few = np.zeros((most + 1, images, len(visible), len(each)))
+    few = np.zeros((maximum + 1, images, len(visible), len(each)))
     few[0] = 1.0
     for sighting in np.flatnonzero(visible.any(axis=0)).tolist():  # those that are never visible take longer than all
         own = few[:, sighting // (visible.shape[1] // images)]
@@ -184,7 +184,7 @@ def count_distributions(visible: Floats, rates: Floats, images: int, most: int) 
         more = own[:-1] * chance
         own *= 1.0 - chance
         own[1:] += more
-    return few.reshape(most + 1, images, -1)
+    return few.reshape(maximum + 1, images, -1)
 
 
 def _typical_visibility(model: DetectionModel, turns: int = TURNS) -> Floats:

@@ -21,7 +21,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import settle_poses
 from rootmatch.model.image_alike import REACH
 from rootmatch.model.modes import Modes, used_mask
-from rootmatch.model.pose_density import LEAST, Broad
+from rootmatch.model.pose_density import MINIMUM, Broad
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.views import camera_frames
 
@@ -29,7 +29,7 @@ ROUNDS = 3
 """How often strays are looked for among what others leave. A round value."""
 TOGETHER = 2048
 """Places that are looked about at once. A round value; it bounds memory."""
-MOST = 3
+MAXIMUM = 3
 """Other detections whose lines of sight meet that of each one, the nearest to it: others are looked at among what
 strays leave. A round value; it bounds time."""
 RIDGE = 1e-12
@@ -89,7 +89,7 @@ def stray_log_gains(model: DetectionModel, modes: Modes, predicted: Integers | N
 
 def unpredicted(model: DetectionModel, modes: Modes, predicted: Integers | None) -> Bools:
     """Which modes (M,) are about no predicted pose; ``predicted``: see `stray_log_gains`."""
-    if predicted is None or model.prior.least >= LEAST:
+    if predicted is None or model.prior.minimum >= MINIMUM:
         return np.ones(len(modes.log_mass), np.bool_)
     return predicted < 0
 
@@ -199,25 +199,25 @@ def _meeting_rays(model: DetectionModel, rig: Rig) -> tuple[Integers, Floats]:
             far = (cosine * other - along) / (1.0 - cosine**2)
             near = (other - cosine * along) / (1.0 - cosine**2)
             squared = between @ between + far**2 + near**2 + 2.0 * (far * along - near * other - far * near * cosine)
-            most = far**2 * variance[first][:, None] + near**2 * variance[second]
-            i, j = ((far > 0.0) & (near > 0.0) & (squared < most)).nonzero()
+            maximum = far**2 * variance[first][:, None] + near**2 * variance[second]
+            i, j = ((far > 0.0) & (near > 0.0) & (squared < maximum)).nonzero()
         on_first = centres[a] + far[i, j, None] * rays[first[i]]
         on_second = centres[b] + near[i, j, None] * rays[second[j]]
         pairs.append(np.stack([first[i], second[j]], axis=1))
         places.append(0.5 * (on_first + on_second))
-        gaps.append(squared[i, j] / most[i, j])
+        gaps.append(squared[i, j] / maximum[i, j])
     every, where, gap = np.concatenate(pairs), np.concatenate(places), np.concatenate(gaps)
     order = np.argsort(gap, kind="stable")
     return every[order], where[order]
 
 
 def _nearest(pairs: Integers) -> Bools:
-    """Which of some pairs (P, 2), the nearest first, are among the first `MOST` of one of their detections."""
+    """Which of some pairs (P, 2), the nearest first, are among the first `MAXIMUM` of one of their detections."""
     kept = np.zeros(len(pairs), np.bool_)
     for one in pairs.T:
         order = np.argsort(one, kind="stable")
         own = one[order]
-        kept[order] |= np.arange(len(own)) - np.searchsorted(own, own) < MOST
+        kept[order] |= np.arange(len(own)) - np.searchsorted(own, own) < MAXIMUM
     return kept
 
 

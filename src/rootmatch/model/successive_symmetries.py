@@ -20,9 +20,9 @@ from rootmatch.model.prediction import GATE
 from rootmatch.model.proposals import Proposals, empty_proposals, join_proposals
 from rootmatch.problems.points import PointSets
 
-MOST_MOTIONS = 1024
+MAX_MOTIONS = 1024
 """Motions from which no more are sought. A round value; it bounds time, to .2 s for a body."""
-MOST = 24
+MAXIMUM = 24
 """Motions that are proposed for a pose, those that keep most of its matches. A round value, as for few points."""
 SPOT = 4.0
 """Distance, over that up to which points are the same, within which the images of a body are of one motion mostly; what
@@ -57,7 +57,7 @@ def compose_symmetries(source: Floats, normals: Floats | None) -> Succession:
     back = rotation[1:].swapaxes(1, 2)
     steps = np.concatenate([rotation[1:], back]), np.concatenate([shift[1:], -(back @ shift[1:, :, None])[..., 0]])
     tree, spots, known, last = cKDTree(source), set[bytes](), {one.tobytes() for one in image}, 0
-    while last < len(image) < MOST_MOTIONS:
+    while last < len(image) < MAX_MOTIONS:
         checkpoint()
         turned = (steps[0][:, None] @ rotation[last:]).reshape(-1, 3, 3)
         moved = ((steps[0][:, None] @ shift[last:, :, None])[..., 0] + steps[1][:, None]).reshape(-1, 3)
@@ -139,7 +139,7 @@ def propose_moved(
         place = position - rotation @ centre - (turned @ (motions.shift - centre)[..., None])[..., 0]
         if prior is not None and len(place):
             mapped[prior.prediction_indices(turned, place) < 0] = 0
-        which = np.argsort(-mapped, kind="stable")[:MOST]
+        which = np.argsort(-mapped, kind="stable")[:MAXIMUM]
         which = which[2 * mapped[which] > len(own)]
         moved = np.full((len(which), len(assignment) + 1), -1)
         np.put_along_axis(moved, image[which][:, own], assignment[own], axis=1)  # −1 is the last place

@@ -44,7 +44,7 @@ SAMPLES = 160
 """Samples of a round, at most. A round value."""
 FEWEST_SAMPLES = 16
 """Samples of a round of images with so many points that there are less than so many. A round value."""
-MOST_RATIOS = 1_000_000
+MAX_RATIOS = 1_000_000
 """Pairs of points times samples. A round value; it bounds time."""
 IMPROBABLE = -4.0
 """Log evidence of the same points below which they are improbable, whatever else there is: .02. A round value."""
@@ -85,7 +85,7 @@ def likeness_log_odds(told: TwoViewPosterior, centres: Centres, pairs: Pairs, se
         return -math.inf, 0.0
     rng = np.random.default_rng([seed, 18])
     counted, about = np.ones((1, model.shape[1])), _widen_centres(centres)
-    (first, widths), count = about, max(min(SAMPLES, MOST_RATIOS // max(len(pairs[0]), 1)), FEWEST_SAMPLES)
+    (first, widths), count = about, max(min(SAMPLES, MAX_RATIOS // max(len(pairs[0]), 1)), FEWEST_SAMPLES)
     found = np.array([-math.inf])
     for k in range(ROUNDS):
         checkpoint()
@@ -98,11 +98,11 @@ def likeness_log_odds(told: TwoViewPosterior, centres: Centres, pairs: Pairs, se
             counted = np.concatenate([counted, _detection_counts(told, pairs)])
         value = model.log_prior(poses) - math.log(len(WIDTHS)) - log_drawn
         value = value + _integrate_share(_alike_density_ratios(model, poses, width, pairs), counted)
-        most = value.max(axis=1, keepdims=True)
-        if not np.isfinite(most).all():
+        maximum = value.max(axis=1, keepdims=True)
+        if not np.isfinite(maximum).all():
             break
-        weights = np.exp(value - most)
-        found = most[:, 0] + np.log(weights.mean(axis=1))
+        weights = np.exp(value - maximum)
+        found = maximum[:, 0] + np.log(weights.mean(axis=1))
         if found[0] + math.log(ALIKE) < max(told.log_evidence, 0.0) - MARGIN:
             break
         # the largest are cut, as few samples tell little of their weight
@@ -134,7 +134,7 @@ def _detection_counts(told: TwoViewPosterior, pairs: Pairs) -> Floats:
     model, parts = told.model, told.parts
     matched, found = (np.minimum(told.marginals.sum(axis=axis), 1.0) for axis in (0, 1))
     shares = np.array([weights.sum() for _, weights, _ in parts])
-    best = np.argsort(-shares, kind="stable")[: max(MOST_RATIOS // (len(WIDTHS) * max(len(pairs[0]), 1)), 1)]
+    best = np.argsort(-shares, kind="stable")[: max(MAX_RATIOS // (len(WIDTHS) * max(len(pairs[0]), 1)), 1)]
     poses = Relative.joined([parts[k][0].poses.take(parts[k][1].argmax()[None]) for k in best])
     widths, every = np.repeat(WIDTHS, len(best)), np.tile(np.arange(len(best)), len(WIDTHS))
     ratios = _alike_density_ratios(model, poses.take(every), widths, pairs, 1.0 - found).reshape(

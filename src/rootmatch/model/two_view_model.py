@@ -31,10 +31,10 @@ SCALES = (math.log(1e-3), math.log(10.0))
 SPREADS = (math.log(0.05), math.log(1.5))
 """Spread τ of the logarithm of the distances of one scene: from a shell to all within a factor 20. Round values."""
 NOTHING = -30.0
-"""Log-odds below which a pair counts for nothing at a sample. By construction: far below `two_view_posterior.LEAST`."""
+"""Log-odds below which a pair counts for nothing at a sample: far below `two_view_posterior.MINIMUM`."""
 PAIRS_PER_THREAD = 200_000
 """Pairs at samples that are worth waking a thread for, some milliseconds. Changes no result."""
-LEAST_SINE = 1e-6
+MIN_SINE = 1e-6
 """Of the angle between a bearing and the baseline. By construction: far below any noise."""
 
 
@@ -160,16 +160,16 @@ class TwoViewModel:
 
         rows, columns = pairs
         own = self.first_variance[rows], self.second_variance[columns]
-        most = -0.5 * np.log(own[1] * (own[0] + own[1])) - math.log(2.0 * math.pi) - self.log_clutter[columns]
+        maximum = -0.5 * np.log(own[1] * (own[0] + own[1])) - math.log(2.0 * math.pi) - self.log_clutter[columns]
         if self.log_weights is not None:
-            most += self.log_weights[rows, columns]
+            maximum += self.log_weights[rows, columns]
         scene2 = np.exp(2.0 * np.minimum(poses.spread, SPREADS[1]))
         of_poses = poses.rotation, poses.translation, np.exp(poses.scale), scene2, variance, term
         given = self.views, tuple(np.ascontiguousarray(part) for part in of_poses)
         out = np.empty((len(variance), len(rows)))
 
         def work(start: int, end: int) -> None:
-            fill_pair_log_odds(*given, start, end, rows, columns, most, NOTHING, out)
+            fill_pair_log_odds(*given, start, end, rows, columns, maximum, NOTHING, out)
 
         run_in_threads(work, len(out), worthwhile_threads(out.size // PAIRS_PER_THREAD))
         return out
@@ -179,7 +179,7 @@ class TwoViewModel:
         u = (self.first @ poses.rotation.swapaxes(-1, -2))[:, rows]
         p, t = self.second[columns], poses.translation[:, None]
         k, pt, pu = _dot(u, t), _dot(p, t), _dot(p, u)
-        sine = np.sqrt(np.maximum(1.0 - k * k, LEAST_SINE**2))
+        sine = np.sqrt(np.maximum(1.0 - k * k, MIN_SINE**2))
         own = self.first_variance[rows], self.second_variance[columns]
         ahead, parallax, size2 = pu - k * pt, pt - k * pu, sine * sine
         with np.errstate(all="ignore"):

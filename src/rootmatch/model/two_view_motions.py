@@ -23,7 +23,7 @@ from rootmatch.model.matchings import Matchings, sum_matchings_by_part
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.two_view_alike import FEWEST_SAMPLES
 from rootmatch.model.two_view_model import TwoViewModel
-from rootmatch.model.two_view_posterior import FIRST, LEAST, MARGIN, MOST_RATIOS, TwoViewPosterior, possible_pairs
+from rootmatch.model.two_view_posterior import FIRST, MARGIN, MAX_RATIOS, MINIMUM, TwoViewPosterior, possible_pairs
 from rootmatch.model.two_view_samples import Samples
 
 SAMPLES = 256
@@ -182,8 +182,8 @@ def _weigh_motion_samples(
     rates = shares[:-1] / (shares[:-1] + shares[-1])
     whole = [one.samples._replace(rate=rate, clutter=clutter) for one, rate in zip(every, rates, strict=True)]
     rows, columns = pairs = possible_pairs(model)
-    first = np.arange(max(min(FIRST, MOST_RATIOS // max(len(rows), 1)), FEWEST_SAMPLES))
-    likely = np.max([one.take(first).log_odds(model, pairs).max(axis=0) for one in whole], axis=0) > LEAST - MARGIN
+    first = np.arange(max(min(FIRST, MAX_RATIOS // max(len(rows), 1)), FEWEST_SAMPLES))
+    likely = np.max([one.take(first).log_odds(model, pairs).max(axis=0) for one in whole], axis=0) > MINIMUM - MARGIN
     pairs = rows[likely], columns[likely]
     odds = np.logaddexp.reduce([one.log_odds(model, pairs) for one in whole])
     log -= sum(one.log_own for one in every)
@@ -191,7 +191,7 @@ def _weigh_motion_samples(
     parts = []
     for place in np.unique(places).tolist():
         own = np.flatnonzero(places == place)
-        parts.append((own, sum_matchings_by_part(odds[own], *pairs, LEAST)))
+        parts.append((own, sum_matchings_by_part(odds[own], *pairs, MINIMUM)))
         log[own] += parts[-1][1].log_total
     return whole, log, parts
 

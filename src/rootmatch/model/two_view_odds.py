@@ -7,14 +7,14 @@ import math
 from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, scalar
 
-LEAST_SINE2 = 1e-12
-"""Square of `rootmatch.model.two_view_model.LEAST_SINE`."""
+MIN_SINE2 = 1e-12
+"""Square of `rootmatch.model.two_view_model.MIN_SINE`."""
 
 
 @scalar
 def epipolar_variance(k, pt, v, w, factor):  # type: ignore[no-untyped-def]
     """Square of the sine of β, and the variance across the epipolar plane; v, w: variances of point and detection."""
-    size2 = max(1.0 - k * k, LEAST_SINE2)
+    size2 = max(1.0 - k * k, MIN_SINE2)
     return size2, factor * (w + v * (1.0 - pt * pt) / size2)
 
 
@@ -30,7 +30,7 @@ def inverse_distance_terms(k, size2, parallax, ahead, noise, mean, scene2):  # t
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def fill_pair_log_odds(views, poses, start, end, rows, columns, most, least, out):  # type: ignore[no-untyped-def]
+def fill_pair_log_odds(views, poses, start, end, rows, columns, maximum, minimum, out):  # type: ignore[no-untyped-def]
     """Log-odds of pairs at samples ``start … end − 1``.
 
     Parameters
@@ -50,7 +50,7 @@ def fill_pair_log_odds(views, poses, start, end, rows, columns, most, least, out
     out : (K, P) array
         Filled.
     """
-    views, poses, rows, columns, most, out = borrow((views, poses, rows, columns, most, out))
+    views, poses, rows, columns, maximum, out = borrow((views, poses, rows, columns, maximum, out))
     first, second, first_variance, second_variance = views
     rotations, baselines, means, scenes, factors, terms = poses
     for sample in range(start, end):
@@ -58,7 +58,7 @@ def fill_pair_log_odds(views, poses, start, end, rows, columns, most, least, out
         t0, t1, t2 = t[0], t[1], t[2]
         mean, scene2, factor, term = means[sample], scenes[sample], factors[sample], terms[sample]
         # what the smaller noise and the narrower scene gain at most
-        gain = term - least - math.log(factor) - 0.5 * math.log(scene2)
+        gain = term - minimum - math.log(factor) - 0.5 * math.log(scene2)
         own = -1
         u0, u1, u2, n0, n1, n2, k, v = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for pair in range(rows.shape[0]):
@@ -78,7 +78,7 @@ def fill_pair_log_odds(views, poses, start, end, rows, columns, most, least, out
             e2 = triple * triple / (size2 * across)
             pu = p0 * u0 + p1 * u1 + p2 * u2
             ahead = pu - k * pt
-            if not (ahead > 0.0 and 0.5 * e2 < gain + most[pair]):
+            if not (ahead > 0.0 and 0.5 * e2 < gain + maximum[pair]):
                 out[sample, pair] = -math.inf
                 continue
             parallax, noise = pt - k * pu, factor * (v + w)
@@ -88,5 +88,5 @@ def fill_pair_log_odds(views, poses, start, end, rows, columns, most, least, out
             squares = e2 + z * z / spread2 + behind * behind / (size2 * noise)
             # relative to the bound, where the variances of the two bearings stand alone
             log = 0.5 * (math.log(slope * slope * (v + w) * w / (across * spread2 * r2)) - squares)
-            log += most[pair] + term
+            log += maximum[pair] + term
             out[sample, pair] = log if abs(log) < math.inf else -math.inf

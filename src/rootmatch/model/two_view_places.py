@@ -16,7 +16,7 @@ import numpy as np
 from rootmatch.arrays import Floats
 from rootmatch.model.clutter import Clutter
 from rootmatch.model.matchings import sum_matchings_by_part
-from rootmatch.model.two_view_posterior import LEAST, TwoViewPosterior
+from rootmatch.model.two_view_posterior import MINIMUM, TwoViewPosterior
 
 
 def reweigh_by_crowding(told: TwoViewPosterior) -> TwoViewPosterior:
@@ -28,7 +28,7 @@ def reweigh_by_crowding(told: TwoViewPosterior) -> TwoViewPosterior:
         matched = np.zeros(told.model.shape[0])
         np.add.at(matched, sums.rows, weights @ sums.marginals / weights.sum())
         more = log_member_density(told.model.crowds, matched) - log_member_density(told.model.crowds, 1.0 - matched)
-        again = sum_matchings_by_part(sums.log_odds + more[sums.rows], sums.rows, sums.columns, LEAST)
+        again = sum_matchings_by_part(sums.log_odds + more[sums.rows], sums.rows, sums.columns, MINIMUM)
         log = np.where(weights > 0.0, again.log_total - sums.log_total, -np.inf)
         own = np.flatnonzero(np.isfinite(log))
         if not len(own):

@@ -41,7 +41,7 @@ MISSED = 0.1
 nothing in common: what was missed may explain them. A stated value, not measured."""
 FIRST = 128
 """First samples, which tell where to draw. A round value."""
-MOST_RATIOS = 4_000_000
+MAX_RATIOS = 4_000_000
 """Pairs of points times first samples: 32 MB."""
 NAMED = 12
 """First of the assignments that were named which are fitted: as many as a search names."""
@@ -49,7 +49,7 @@ RELABELLED = 2
 """Times that the likeliest labellings at fits are fitted in turn. A round value; what it gains is in the notebook."""
 SAMPLES = 768
 """Samples that count. A round value; what the mean leaves open is measured in docs/two-view-model.md."""
-LEAST = math.log(1e-3)
+MINIMUM = math.log(1e-3)
 """Log-odds of a pair below which it counts for nothing. A round value."""
 MARGIN = 3.0
 """Log-odds below that from which a pair of the first samples is looked at in the second ones. A round value."""
@@ -220,7 +220,7 @@ def sample_two_view_posterior(
     rows, columns = possible = possible_pairs(model)
     centres = choose_centres(model, _fit_and_relabel(model, assignments[:NAMED]))
     checkpoint()
-    drawn = draw_samples(model, centres, max(min(FIRST, MOST_RATIOS // len(rows)), FEWEST_SAMPLES), rng)
+    drawn = draw_samples(model, centres, max(min(FIRST, MAX_RATIOS // len(rows)), FEWEST_SAMPLES), rng)
     odds, base = _sample_log_odds(model, drawn, rows, columns)
     bound = base - log_proposal_density(model, centres, drawn) + _log_sum_bound(odds, rows)
     # the likeliest assignments of the first samples may have another pose
@@ -237,7 +237,7 @@ def sample_two_view_posterior(
     for _ in range(ROUNDS):
         if not np.isfinite(bound.max(initial=-np.inf)):
             return TwoViewPosterior(model, -math.inf, [])
-        some = odds[bound > bound.max() - NEGLIGIBLE].max(axis=0) > LEAST - MARGIN
+        some = odds[bound > bound.max() - NEGLIGIBLE].max(axis=0) > MINIMUM - MARGIN
         rows, columns = rows[some], columns[some]
         centres = recentre_on_samples(model, fits, drawn, np.exp(bound - bound.max()))
         drawn = draw_samples(model, centres, SAMPLES, rng)
@@ -258,7 +258,7 @@ def sample_two_view_posterior(
         if not len(own):
             continue
         order = _sort_about_baseline(model, drawn.poses.take(own[bound[own].argmax()][None]))
-        sums = sum_matchings(odds[own], rows, columns, order, LEAST)
+        sums = sum_matchings(odds[own], rows, columns, order, MINIMUM)
         known = np.flatnonzero(np.isfinite(sums.log_total))
         if not len(known):
             continue

@@ -205,8 +205,8 @@ def log_pose_proposal_density(model: TwoViewModel, centres: Centres, poses: Rela
 
 def log_sum(log: Floats) -> Floats:
     """Logarithm (…,) of the sum of values with logarithms (C, …)."""
-    most = log.max(axis=0)
-    return np.asarray(most + np.log(np.exp(log - most).sum(axis=0)))
+    maximum = log.max(axis=0)
+    return np.asarray(maximum + np.log(np.exp(log - maximum).sum(axis=0)))
 
 
 def log_sample_prior(model: TwoViewModel, drawn: Samples) -> Floats:

@@ -18,7 +18,7 @@ import numpy as np
 from rootmatch.algebra.rotation import rotation_from_vector, rotation_onto_y, spread_rotations
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.known_density import LEAST_SPREAD, Known
+from rootmatch.model.known_density import MIN_SPREAD, Known
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Doubted, Gaussian, Mixed
 from rootmatch.model.shown_in_part import SIGHT, count_distributions, count_ways_to_own, positions_ahead, rate_weights
@@ -63,7 +63,7 @@ class ExpectedViews:
         weights = np.repeat(shares, POSES)
         in_view = weights * at.seen.any(axis=1)  # as a vague prediction hardly says: the body is asked for
         weights = in_view if in_view.any() else weights
-        few = count_distributions(visible, model.rate_quadrature[0], max(len(model.images), 1), prior.least - 1)
+        few = count_distributions(visible, model.rate_quadrature[0], max(len(model.images), 1), prior.minimum - 1)
         views = prior.told["views"] = cls(few, weights / weights.sum())
         return views
 
@@ -90,7 +90,7 @@ def sample_expected_poses(model: DetectionModel, known: Mixed) -> tuple[Floats, 
             source, camera, tilt = down
             onto, back = rotation_onto_y(np.asarray(source)), rotation_onto_y(np.asarray(camera)).T
             about = 2.0 * np.pi * (np.arange(POSES)[:, None] + 0.5) / POSES * np.array([0.0, 1.0, 0.0])
-            tilted = rotation_from_vector(max(tilt, LEAST_SPREAD) * normal[:, :3] * np.array([1.0, 0.0, 1.0]))
+            tilted = rotation_from_vector(max(tilt, MIN_SPREAD) * normal[:, :3] * np.array([1.0, 0.0, 1.0]))
             rotation = back @ tilted @ rotation_from_vector(about) @ onto
     if place is None:
         return rotation, positions_ahead(model, POSES)

@@ -64,8 +64,8 @@ class Changes(NamedTuple):
         return changed
 
 
-def likely_changes(assignment: Integers, gains: Floats, least: float) -> tuple[Changes, Floats]:
-    """The one-change neighbours whose gain to first order is above ``least``, and those gains.
+def likely_changes(assignment: Integers, gains: Floats, minimum: float) -> tuple[Changes, Floats]:
+    """The one-change neighbours whose gain to first order is above ``minimum``, and those gains.
 
     An assignment is a neighbour if a point is moved to a free target, becomes unmatched or hands its target to an
     unmatched point, or if two points exchange their targets; neighbours are listed in this order.
@@ -82,7 +82,7 @@ def likely_changes(assignment: Integers, gains: Floats, least: float) -> tuple[C
     capacity = 4 * len(assignment) + 16
     while True:
         columns, gain = np.empty((4, capacity), np.int64), np.empty(capacity)
-        count = list_changes(assignment, gains, least, columns, gain)
+        count = list_changes(assignment, gains, minimum, columns, gain)
         if count <= capacity:
             return Changes(*columns[:, :count]), gain[:count]
         capacity = count
@@ -168,12 +168,12 @@ def weigh_labellings(
         model.keep(found.take(slice(1)))
     assignments, known = found.fit.assignments, found.known  # which tells symmetric motions from each other
     odds = found.log_odds - known
-    most, mass = float(odds.max()), found.log_odds.copy()
+    maximum, mass = float(odds.max()), found.log_odds.copy()
     images = [] if mirrored is None else [mirrored, proposals.fit.assignments]
     image = _best_mirror_image(model, images, assignments, found.log_odds)
     sums = []
     in_question = np.logaddexp.reduce(mass) > max(image[1], model.log_absent) - WORTH
-    if in_question and len(odds) >= KEPT and np.sort(odds)[-KEPT] > most - NEGLIGIBLE:
+    if in_question and len(odds) >= KEPT and np.sort(odds)[-KEPT] > maximum - NEGLIGIBLE:
         sums = _sum_likely_motions(model, assignments, found.log_odds)
         left = np.ones(len(assignments), np.bool_)  # what is about two motions counts for the better one
         for one in sums:
@@ -221,8 +221,8 @@ def _select_best(found: Judged, of_several: bool) -> Judged:
     if len(odds) == 1:
         return found
     order = np.argsort(-odds, kind="stable")
-    least = 0.0 if of_several else -math.log(COPY)
-    apart = are_targets_disjoint(assignments[order], assignments[order[0]]) & (odds[order] > least - COUNTS)
+    minimum = 0.0 if of_several else -math.log(COPY)
+    apart = are_targets_disjoint(assignments[order], assignments[order[0]]) & (odds[order] > minimum - COUNTS)
     near = (odds[order] > odds[order[0]] - 2.0 * NEGLIGIBLE) & (np.arange(len(order)) < KEPT)
     if of_several:
         near |= (odds[order] > 0.0) & (np.arange(len(order)) < KEPT)

@@ -26,7 +26,7 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import nearest_covariance
 from rootmatch.problems.pose_fit.prior_residuals import Upright
 from rootmatch.problems.pose_fit.reference_point import body_radius
-from rootmatch.problems.up2pf.focal_lengths import MOST_LOG, ZOOM, usual_focal
+from rootmatch.problems.up2pf.focal_lengths import MAX_LOG, ZOOM, usual_focal
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ def decode_zoom(upright: Upright, rotation: Floats) -> tuple[Floats, Floats]:
     cosine, sine = turned[:, 0, 0] + last[:, 2], turned[:, 0, 2] - last[:, 0]
     size = np.maximum(np.hypot(cosine, sine), 1e-300)
     level = rotation_about_y(cosine / size, sine / size)
-    return np.clip(log_zoom, -MOST_LOG, MOST_LOG), upright.camera.T @ level @ upright.world
+    return np.clip(log_zoom, -MAX_LOG, MAX_LOG), upright.camera.T @ level @ upright.world
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ class ZoomModel(DetectionModel):
 
     def encode_focal(self, rotation: Floats, log_focal: Floats) -> Floats:
         """Rotations (…, 3, 3) as this model stores them, of upright ones with logarithms (…) of focal lengths."""
-        log_zoom = np.clip(log_focal - math.log(self.camera.focal), -MOST_LOG, MOST_LOG)
+        log_zoom = np.clip(log_focal - math.log(self.camera.focal), -MAX_LOG, MAX_LOG)
         return encode_zoom(self.upright, rotation, log_zoom)
 
     def linearise_about(self, rotation: Floats, position: Floats) -> Linearised:

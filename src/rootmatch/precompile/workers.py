@@ -14,7 +14,7 @@ from rootmatch.jit import prebuilt
 from rootmatch.jit.cache import Settings
 from rootmatch.precompile.steps import STEPS, Step
 
-MOST_WORKERS = 8
+MAX_WORKERS = 8
 """A worker takes 300 MB and works for a minute."""
 
 
@@ -49,7 +49,7 @@ def warm_up(
     names = list(STEPS[chosen]())
     if progress is not None:
         progress(0, len(names))
-    with pool(workers or min(os.cpu_count() or 1, MOST_WORKERS), environment) as executor:
+    with pool(workers or min(os.cpu_count() or 1, MAX_WORKERS), environment) as executor:
         waiting = {executor.submit(_compile, chosen, name, folder): name for name in names}
         for done, step in enumerate(as_completed(waiting), start=1):
             try:

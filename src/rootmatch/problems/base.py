@@ -17,8 +17,8 @@ from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError
 from rootmatch.frozen import once
 from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.checks import LEAST_NOISE, check_normals, check_points, check_view_angle
-from rootmatch.problems.limits import MOST_PAIRS
+from rootmatch.problems.checks import MIN_NOISE, check_normals, check_points, check_view_angle
+from rootmatch.problems.limits import MAX_PAIRS
 from rootmatch.problems.noise import (
     add_model_noise,
     check_source_noise,
@@ -30,7 +30,7 @@ from rootmatch.problems.noise import (
 from rootmatch.problems.points import CheckedSource, PointClouds, PointSets, TwoViews
 from rootmatch.problems.pose_fit.pose import Pose
 
-MOST_RADIANS = 0.5
+MAX_RADIANS = 0.5
 """Largest plausible angular noise; beyond it, pixels were probably meant. A round value."""
 
 
@@ -64,7 +64,7 @@ class Problem(ABC):
     """Rows of the covariance of a whole predicted pose: rotation and translation in space, and the scale if unknown."""
     noisy_source: ClassVar[bool] = False
     """Whether source points carry noise of their own, as those of an image do."""
-    least_for_pose: ClassVar[int] = 0
+    min_for_pose: ClassVar[int] = 0
     """Minimum number of matches for `poses`; 0 if the problem fits none."""
     to_check: ClassVar[str] = "the units and the arguments of the problem"
     """What to check if no assignment can be trusted, as the advice of the status says it."""
@@ -86,7 +86,7 @@ class Problem(ABC):
     @property
     def pair_count(self) -> int:
         """Pairs of minimal sets of one hyper-edge that can be compared."""
-        return min(math.comb(self.minimal + 1, 2), MOST_PAIRS)
+        return min(math.comb(self.minimal + 1, 2), MAX_PAIRS)
 
     @once
     def sensor(self) -> CameraModel | None:
@@ -118,7 +118,7 @@ class Problem(ABC):
         view_angle: ArrayLike | None = None,
         *,
         source_noise: ArrayLike | None = None,
-        least_target: int | None = None,
+        min_target: int | None = None,
         distinct: bool = True,
     ) -> PointSets:
         """The points, checked once for everything that follows.
@@ -154,13 +154,13 @@ class Problem(ABC):
         if not isinstance(source, CheckedSource):
             settled = self.for_points(source)
             checked = settled.check_source(source, normals, view_angle, distinct=distinct)
-            return settled.validated(checked, target, noise, source_noise=source_noise, least_target=least_target)
+            return settled.validated(checked, target, noise, source_noise=source_noise, min_target=min_target)
         first, facing, cosine = source
         needing = f"{self.name} without prior=" if self.takes_prior else self.name
-        least = least_target or self.order
+        minimum = min_target or self.order
         # pixels that are rounded may well be the same, and an image model weighs which of two detections is meant
         second = check_points(
-            self.joined(target), self.target_dimension, "target", least, not self.takes_prior, of=needing
+            self.joined(target), self.target_dimension, "target", minimum, not self.takes_prior, of=needing
         )
         of_source = of_target = None
         if self.noisy_source and not self.source_is_image:
@@ -171,7 +171,7 @@ class Problem(ABC):
         sigma, sigma2 = parse_noise(
             noise, (len(first), len(second)), self.noisy_source, self.name, self.noise_pixels(first, second)
         )
-        if self.noise_is_angular and sigma2.max() > MOST_RADIANS:
+        if self.noise_is_angular and sigma2.max() > MAX_RADIANS:
             raise InputError(
                 f"noise: {sigma2.max():g} given; detections are unit rays, so give it in radians, such as 0.001"
             )
@@ -194,8 +194,8 @@ class Problem(ABC):
         """Points with a noise of the source of its own, as `validated` takes it."""
         if self.noisy_source:
             covariance = check_source_noise(noise, points.source)
-            least = LEAST_NOISE * self.noise_pixels(points.source, points.target)[0]
-            sigma = np.maximum(mean_deviation(covariance), least)
+            minimum = MIN_NOISE * self.noise_pixels(points.source, points.target)[0]
+            sigma = np.maximum(mean_deviation(covariance), minimum)
             alike = np.allclose(covariance, sigma[:, None, None] ** 2 * np.eye(covariance.shape[-1]))
             if not alike and self.source_is_image:
                 raise InputError(f"source_noise: {self.name} takes one σ for both axes; give a number or one a point")
@@ -236,7 +236,7 @@ class Problem(ABC):
         return isinstance(self.sensor, UnitRays)
 
     def noise_pixels(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[float, float]:
-        """Length that counts as a pixel of either set when noise is compared with one; see `checks.LEAST_NOISE`."""
+        """Length that counts as a pixel of either set when noise is compared with one; see `checks.MIN_NOISE`."""
         return 1.0, 1.0
 
     def image(self, points: PointSets) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -307,7 +307,7 @@ class Problem(ABC):
     def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
         """The most likely pose of each assignment (K, n), with its covariance; None if none is possible.
 
-        Each assignment needs `least_for_pose` matches.
+        Each assignment needs `min_for_pose` matches.
         """
         raise NotImplementedError(f"{self.name} fits no poses")
 

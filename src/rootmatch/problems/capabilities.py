@@ -31,7 +31,7 @@ class Capability(Enum):
         "fits no poses, as its equations do not say what they are",
         "estimate one from `assignment` with a solver of your own",
     )
-    """Declared by `Problem.least_for_pose`."""
+    """Declared by `Problem.min_for_pose`."""
     GUIDED = "sampler", "has no hypotheses to guide a search", 'use sampler="exhaustive" or "random"'
     """Declared by `ProblemKernels.hypotheses`, `Problem.point_clouds`, `Problem.two_views` and
     `Problem.at_focal_lengths`."""

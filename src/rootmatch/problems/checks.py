@@ -8,14 +8,16 @@ from numpy.typing import ArrayLike
 from rootmatch.arrays import Floats, as_floats, as_points
 from rootmatch.errors import InputError
 
-MOST, LEAST = 1e100, 1e-100
+MAXIMUM, MINIMUM = 1e100, 1e-100
 """Greatest coordinate and least extent of points, in their unit: their squares and products are still numbers."""
 
-MOST_POINTS = 10_000
+MAX_POINTS = 10_000
 """Points of a set: their distances, three numbers for each two points, then take 2.4 GB."""
 
 
-def check_points(points: ArrayLike, dimension: int, name: str, least: int, distinct: bool = True, *, of: str) -> Floats:
+def check_points(
+    points: ArrayLike, dimension: int, name: str, minimum: int, distinct: bool = True, *, of: str
+) -> Floats:
     """Points as a contiguous float array, or one clear error that says what is wrong with them.
 
     Parameters
@@ -41,22 +43,22 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int, disti
         if array.ndim == 2 and array.shape[0] == dimension:
             hint = "; is it transposed? Give one point a row"
         raise InputError(f"{name}: shape {array.shape} given, (m, {dimension}) expected{hint}")
-    if len(array) > MOST_POINTS:
-        raise InputError(f"{name}: {len(array):,} points given; give at most {MOST_POINTS:,}")
-    if not float(np.abs(array).max(initial=0.0)) <= MOST:
+    if len(array) > MAX_POINTS:
+        raise InputError(f"{name}: {len(array):,} points given; give at most {MAX_POINTS:,}")
+    if not float(np.abs(array).max(initial=0.0)) <= MAXIMUM:
         bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
         if len(bad):
             raise InputError(f"{name}: point {bad[0]} holds NaN or infinity; remove such points ({len(bad)} in all)")
-        far = np.flatnonzero((np.abs(array) > MOST).any(axis=1))
-        raise InputError(f"{name}: point {far[0]} lies beyond {MOST:g}; choose another unit, or remove it")
-    if len(array) < least:
-        raise InputError(f"{name}: {len(array)} points given, at least {least} needed by {of}")
+        far = np.flatnonzero((np.abs(array) > MAXIMUM).any(axis=1))
+        raise InputError(f"{name}: point {far[0]} lies beyond {MAXIMUM:g}; choose another unit, or remove it")
+    if len(array) < minimum:
+        raise InputError(f"{name}: {len(array)} points given, at least {minimum} needed by {of}")
     same = find_repeated(array) if distinct else None
     if same is not None:
         raise InputError(f"{name}: points {same[0]} and {same[1]} are the same; remove repeated points")
-    if len(array) > 1 and float(np.abs(array - array[0]).max()) < LEAST:
+    if len(array) > 1 and float(np.abs(array - array[0]).max()) < MINIMUM:
         same = find_repeated(array)
-        fault = f"lie within {LEAST:g}; choose another unit" if same is None else "are the same; give distinct points"
+        fault = f"lie within {MINIMUM:g}; choose another unit" if same is None else "are the same; give distinct points"
         raise InputError(f"{name}: all points {fault}")
     return array
 
@@ -84,7 +86,7 @@ def check_normals(normals: ArrayLike, count: int) -> Floats:
     return array
 
 
-LEAST_VIEW_ANGLE = np.radians(5.0)
+MIN_VIEW_ANGLE = np.radians(5.0)
 """Smallest view angle that is taken for one: no light shines so narrowly, and degrees in radians are below. A round
 value."""
 
@@ -109,9 +111,9 @@ def check_view_angle(angle: ArrayLike | None, normals: object, count: int) -> Fl
         raise InputError(
             "view_angle: an angle is not in (0, π]; give radians from the normal, such as 1.22 (np.radians(70))"
         )
-    if (least := float(np.min(radians))) < LEAST_VIEW_ANGLE:
+    if (minimum := float(np.min(radians))) < MIN_VIEW_ANGLE:
         raise InputError(
-            f"view_angle: {least:.3g} radians given, {np.degrees(least):.3g}°, within which no point would be seen; "
+            f"view_angle: {minimum:.3g} radians given, {np.degrees(minimum):.3g}°, within which no point is seen; "
             "give radians in Python, such as 1.22, and degrees on the command line, such as --view-angle 70"
         )
     return np.ascontiguousarray(np.broadcast_to(np.cos(radians), (count,)))
@@ -131,7 +133,7 @@ def check_not_collinear(points: Floats) -> None:
         )
 
 
-LEAST_NOISE, MOST_NOISE = 1e-6, 1e4
+MIN_NOISE, MAX_NOISE = 1e-6, 1e4
 """Range of the noise of a coordinate in pixels: zero is taken as the least, and the most is wider than an image. Where
 the unit is the caller's, a thousandth of the extent of the points stands for a pixel."""
 
@@ -151,9 +153,9 @@ def check_noise(noise: ArrayLike, count: int, pixel: float, name: str = "noise")
     name : str
         For the message.
     """
-    least, most = LEAST_NOISE * pixel, MOST_NOISE * pixel
-    if isinstance(noise, float) and 0.0 <= noise <= most:
-        return np.full(count, max(noise, least))
+    minimum, maximum = MIN_NOISE * pixel, MAX_NOISE * pixel
+    if isinstance(noise, float) and 0.0 <= noise <= maximum:
+        return np.full(count, max(noise, minimum))
     if noise is None:
         raise InputError(f"{name}: None given; give the standard deviation of a coordinate, or leave it out")
     sigma = as_floats(noise, name, "one number, or one for each target point, in its unit")
@@ -161,7 +163,7 @@ def check_noise(noise: ArrayLike, count: int, pixel: float, name: str = "noise")
         raise InputError(f"{name}: shape {sigma.shape} given; give one number or one for each of {count} target points")
     if not np.all(np.isfinite(sigma)) or np.any(sigma < 0.0):
         raise InputError(f"{name}: {np.min(sigma):g} given; a standard deviation is finite and not negative")
-    if np.any(sigma > most):
+    if np.any(sigma > maximum):
         wide = "px given, wider than an image" if pixel == 1.0 else "given, more than the distance between points"
         raise InputError(f"{name}: {np.max(sigma):g} {wide}; give the standard deviation of a coordinate")
-    return np.ascontiguousarray(np.broadcast_to(np.maximum(sigma, least), (count,)))
+    return np.ascontiguousarray(np.broadcast_to(np.maximum(sigma, minimum), (count,)))

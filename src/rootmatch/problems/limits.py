@@ -10,5 +10,5 @@ UNINFORMATIVE = 1e6
 VAGUE2 = 1e-2
 """Variance, in radians², beyond which a prediction says nothing. Not tuned: 0.1 rad is a round value, at which the
 linearised covariance means little any more."""
-MOST_PAIRS = 6
+MAX_PAIRS = 6
 """Most pairs of minimal sets that can be chosen: those of a hyper-edge of four."""

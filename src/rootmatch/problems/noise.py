@@ -19,7 +19,7 @@ from rootmatch.cameras.calibration_errors import calibration_noise
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.checks import LEAST_NOISE, check_noise
+from rootmatch.problems.checks import MIN_NOISE, check_noise
 from rootmatch.problems.points import PointSets
 
 FARTHER = 3.0
@@ -125,10 +125,10 @@ def detection_covariances(noise: ArrayLike, count: int) -> Floats | None:
     if isinstance(noise, int | float) or _dimensions(noise) < 2:
         return None
     covariance = as_covariances(noise, (count, 2), "noise")
-    least = float(np.linalg.eigvalsh(covariance)[:, 0].min(initial=np.inf))
-    if least < LEAST_NOISE**2:
+    minimum = float(np.linalg.eigvalsh(covariance)[:, 0].min(initial=np.inf))
+    if minimum < MIN_NOISE**2:
         raise InputError(
-            f"noise: a covariance has the eigenvalue {max(least, 0.0):g} px², so a detection is exact along an axis; "
+            f"noise: a covariance has the eigenvalue {max(minimum, 0.0):g} px², so a detection is exact along an axis; "
             "add the variance across the blur, such as 0.1"
         )
     return covariance
@@ -193,8 +193,8 @@ def add_calibration_noise(points: PointSets, camera: CameraModel, axes: Floats) 
     """
     size, apart = _shown_size(points.source), _shown_size(camera.centres) if isinstance(camera, Rig) else 0.0
     spread = max(spread for _, (_, spread, _) in _spread_by_camera(camera, points.target))
-    least = size / spread if spread > 0.0 else size
-    distances = sorted({max(distance, apart) for distance in (least, FARTHER * least)})
+    minimum = size / spread if spread > 0.0 else size
+    distances = sorted({max(distance, apart) for distance in (minimum, FARTHER * minimum)})
     more = calibration_noise(camera, points.target, size, distances, axes)
     return add_detection_noise(points, more**2), more
 

@@ -15,7 +15,7 @@ import numpy as np
 from rootmatch.algebra.any_degree import make_singular_value_kernel
 from rootmatch.algebra.bezout import make_last_entry_kernel, make_lesser_entry_kernel
 from rootmatch.jit.decorators import kernel
-from rootmatch.problems.limits import MOST_PAIRS
+from rootmatch.problems.limits import MAX_PAIRS
 from rootmatch.problems.residual_kinds import QR, SVD, QRBoth
 
 
@@ -23,7 +23,7 @@ def pair_orders(minimal: int) -> tuple[tuple[int, ...], ...]:
     """Orders of a hyper-edge of ``minimal + 1`` correspondences, one for each choice of those that a pair shares."""
     every = range(minimal + 1)
     orders = [(*shared, *(k for k in every if k not in shared)) for shared in combinations(every, minimal - 1)]
-    return tuple(orders[:MOST_PAIRS])
+    return tuple(orders[:MAX_PAIRS])
 
 
 def comparisons(degree: int) -> dict[type, Any]:

@@ -75,10 +75,10 @@ def _residual_factor(target: Floats, poses: Sequence[Pose]) -> float:
     return round_factor(LONGEST * extent / longest)
 
 
-def round_factor(most: float) -> float:
-    """1, 2 or 5 times a power of ten, not above ``most`` but where that is below 1."""
-    power = 10.0 ** math.floor(math.log10(most))
-    return max(power * max(step for step in STEPS if step * power <= most * (1.0 + 1e-9)), 1.0)
+def round_factor(maximum: float) -> float:
+    """1, 2 or 5 times a power of ten, not above ``maximum`` but where that is below 1."""
+    power = 10.0 ** math.floor(math.log10(maximum))
+    return max(power * max(step for step in STEPS if step * power <= maximum * (1.0 + 1e-9)), 1.0)
 
 
 def _draw_frame(axes: Any, pose: Pose, points: Floats, camera: CameraModel | None) -> None:

@@ -27,7 +27,7 @@ def match_record(match: Match) -> dict[str, Any]:
     (of the same assignment, or null: objects with ``pose`` and ``probability``). Indices are zero-based row numbers. A
     number that is not finite becomes null.
     """
-    fits = bool(match.problem.least_for_pose)
+    fits = bool(match.problem.min_for_pose)
     others = match.alternative_poses if fits else [None] * len(match.alternatives)
     return {
         "assignment": match.assignment.tolist(),

@@ -43,7 +43,7 @@ SUFFIXES = (".png", ".svg", ".pdf")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 WRONG, UNMATCHED = "#D55E00", "#7F7F7F"
 
-MOST_LABELS = 80
+MAX_LABELS = 80
 """Points per side above which labels would only clutter the picture."""
 
 
@@ -255,7 +255,7 @@ def draw_labels(axes: Any, points: NDArray[np.float64], names: Sequence[str], to
 
     ``towards`` is −1 to try the left first and 1 to try the right first: the side without connecting lines.
     """
-    if len(points) > MOST_LABELS:
+    if len(points) > MAX_LABELS:
         return
     from matplotlib.patheffects import withStroke
 

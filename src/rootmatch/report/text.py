@@ -41,7 +41,7 @@ def match_residuals(match: Match) -> Floats:
     Of a rig that of its first sighting.
     """
     residuals = np.full(len(match.assignment), np.nan)
-    for pose in match.poses if match.problem.least_for_pose else []:
+    for pose in match.poses if match.problem.min_for_pose else []:
         if pose is None or pose.points is None or pose.residuals is None:
             continue
         points, first = pose.points % len(residuals), np.ones(len(pose.points), np.bool_)
@@ -128,8 +128,8 @@ def _match_table(match: Match, sources: Sequence[str], targets: Sequence[str], t
         *(["truth"] if truth is not None else []),
     ):
         # what a row is about is the last to be cut where the terminal is narrow
-        least = {"source": _name_width(sources), "target": _name_width(targets)}.get(name)
-        table.add_column(name, justify="left" if name == "truth" else "right", min_width=least)
+        minimum = {"source": _name_width(sources), "target": _name_width(targets)}.get(name)
+        table.add_column(name, justify="left" if name == "truth" else "right", min_width=minimum)
     weights = match_weights(match)
     confidence = match.confidence
     for i, j in enumerate(match.assignment.tolist()):

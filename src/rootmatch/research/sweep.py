@@ -31,7 +31,7 @@ Evaluate = Callable[[Unit], list[Row]]
 Timed = tuple[list[Row], str, float]
 """The rows of a unit, the versions that worked them out, and the seconds that this took."""
 
-MOST_JOBS = 1024
+MAX_JOBS = 1024
 """Processes on one machine; each takes 200 MB."""
 
 
@@ -134,7 +134,7 @@ def accuracies(plan: Plan, seeds: range, store: Store) -> dict[tuple[Setting, Me
 
 def check_jobs(jobs: int) -> None:
     """Refuse an impossible number of processes."""
-    if jobs == 0 or abs(jobs) > MOST_JOBS:
+    if jobs == 0 or abs(jobs) > MAX_JOBS:
         raise InputError(f"jobs: {jobs} given; give a number of processes, or -1 for one per processor")
 
 

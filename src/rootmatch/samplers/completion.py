@@ -26,7 +26,7 @@ SEARCHED = 0.6
 """Share of a deadline after which the hyper-edges found so far are evaluated."""
 AT_ONCE = 64
 """Minimal sets between two progress reports; changes no result."""
-MOST_LISTED = 5_000_000
+MAX_LISTED = 5_000_000
 """Sets of source points that are listed with their minimal sets, which takes two gigabytes."""
 BASES = 2
 """How many of the d minimal sets of a hyper-edge predict. One is not enough near double roots; motions in
@@ -37,7 +37,7 @@ decides then. Wider than that of the residual, 3.5, for what linearisation loses
 COST = 10.0
 """Cost of a predicted point, in hyper-edges of an exhaustive sweep: 52 ns for a prediction (benchmarks/matches.py,
 docs/notebook/performance.md) against 4 ns for a hyper-edge of up2p (benchmarks/kernels.py)."""
-MOST_PREDICTED = 100_000_000
+MAX_PREDICTED = 100_000_000
 """Predicted points up to which completion pays: some seconds of two cores."""
 SECONDS_PER_SET = 4e-6
 """That this takes."""
@@ -64,7 +64,7 @@ class Completion:
         count = completion_count(task.shape, task.order)
         return (
             can_complete(task.tables)
-            and count <= MOST_PREDICTED
+            and count <= MAX_PREDICTED
             and COST * count <= enumeration.exhaustive_count(*task.shape, task.order)
         )
 
@@ -79,9 +79,9 @@ class Completion:
         tables, shape, order = task.tables, task.shape, task.order
         Capability.COMPLETION.require(can_complete(tables), task.problem)
         listed = math.comb(shape[0], order)
-        if listed > MOST_LISTED:
+        if listed > MAX_LISTED:
             raise InputError(
-                f"completion: {listed:.3g} sets of {order} source points are more than the {MOST_LISTED:,} that are "
+                f"completion: {listed:.3g} sets of {order} source points are more than the {MAX_LISTED:,} that are "
                 'listed; use sampler="guided"'
             )
         checkpoint(SECONDS_PER_SET * listed)
@@ -92,8 +92,8 @@ class Completion:
         results: list[tuple[Integers, int]] = [(np.empty((0, 2 * order), np.int64), 0)] * len(tasks)
 
         # so many images of a minimal set between two looks at the time and for signals
-        most = max(int(LONGEST / (SECONDS_PER_LOOKUP * shape[1] * shape[0])), 1)
-        slices = [images[first : first + most] for first in range(0, len(images), most)]
+        maximum = max(int(LONGEST / (SECONDS_PER_LOOKUP * shape[1] * shape[0])), 1)
+        slices = [images[first : first + maximum] for first in range(0, len(images), maximum)]
         deadline, stopped = task.deadline.part(SEARCHED), Event()
 
         def work(first: int, last: int) -> None:

@@ -21,7 +21,7 @@ CAMERA_RADIUS = 12.0
 DOWN = (0.0, 1.0, 0.0)
 TRIES = 100
 """Draws of outliers, of which those count that the camera shows."""
-MOST = 10_000_000
+MAXIMUM = 10_000_000
 """Points, or outliers, of a scene: gigabytes. A round value."""
 
 
@@ -38,13 +38,13 @@ class Counts:
     def check(self, motions: int = 1) -> None:
         """Refuse counts, noise or a seed out of range."""
         given = (("n", self.n, 1), ("outliers", self.outliers, 0), ("seed", self.seed, 0), ("motions", motions, 1))
-        for name, value, least in (*given, ("hidden", self.hidden, 0)):
-            if int(value) != value or value < least:
+        for name, value, minimum in (*given, ("hidden", self.hidden, 0)):
+            if int(value) != value or value < minimum:
                 raise InputError(
-                    f"{name} is {value!r}; expected a whole number of at least {least}: give such a number"
+                    f"{name} is {value!r}; expected a whole number of at least {minimum}: give such a number"
                 )
-            if name != "seed" and value > MOST:
-                raise InputError(f"{name} is {value}; expected {MOST:,} at the most: give a smaller number")
+            if name != "seed" and value > MAXIMUM:
+                raise InputError(f"{name} is {value}; expected {MAXIMUM:,} at the most: give a smaller number")
         if motions > self.n:
             raise InputError(
                 f"{motions} motions for {self.n} points; expected at least one point per motion: give fewer motions"

@@ -23,9 +23,9 @@ def best_neighbours(tensor: AffinityTensor, assignment: NDArray[np.int64], keep:
     n, n_target = tensor.shape
     if keep == 0 or not (assignment >= 0).any():
         return []
-    x, most = one_hot(assignment, n_target), min(keep, n * (n + n_target))
-    v, own, images, changes = tensor.contract(x), np.empty(n), np.empty((most, n), np.int64), np.empty(most)
-    scratch = np.ones(n_target, np.bool_), np.empty(most, np.int64), np.zeros((n, n))
+    x, maximum = one_hot(assignment, n_target), min(keep, n * (n + n_target))
+    v, own, images, changes = tensor.contract(x), np.empty(n), np.empty((maximum, n), np.int64), np.empty(maximum)
+    scratch = np.ones(n_target, np.bool_), np.empty(maximum, np.int64), np.zeros((n, n))
     count = _best_changes(tensor.indices, tensor.weights, assignment, v, own, images, changes, *scratch)
     if tensor.unary is not None:
         own += (tensor.order - 1) * (tensor.unary * x).sum(axis=1)

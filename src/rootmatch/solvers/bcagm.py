@@ -17,7 +17,7 @@ from rootmatch.options import Options, option
 from rootmatch.solvers.alternatives import best_neighbours
 from rootmatch.solvers.base import Solution, empty_solution, is_empty
 
-LEAST_STEP = 1e-12
+MIN_STEP = 1e-12
 """Improvement over the objective that is rounding."""
 CACHED = 64
 """Contractions that are kept. Bounds the memory; not tuned."""
@@ -56,8 +56,8 @@ class BlockCoordinateAscent(Options):
         Alternatives to report: the best single changes of the assignment.
     """
 
-    iterations: int = option(100, least=1)
-    keep: int = option(16, least=0)
+    iterations: int = option(100, minimum=1)
+    keep: int = option(16, minimum=0)
 
     def __call__(self, tensor: AffinityTensor, *, seed: int = 0, deadline: Deadline = NEVER) -> Solution:
         """Solve; nothing here is random, the seed is not used."""
@@ -104,13 +104,13 @@ class _Ascent:
 
     def round(self) -> None:
         """Improve each block once; agree, or turn to the convex objective, when that leads nowhere."""
-        least = LEAST_STEP * (self.score + self.alpha * self.matched ** (self.blocks // 2))
+        minimum = MIN_STEP * (self.score + self.alpha * self.matched ** (self.blocks // 2))
         improved = False
         for b in range(self.blocks):
             slope = self.gradient(b)
             assignment = maximise_total(slope)  # min(n, n') points, without gain too
             x = one_hot(assignment, self.tensor.shape[1])
-            if self.key[b] == b"" or float((slope * (x - self.x[b])).sum()) > least:
+            if self.key[b] == b"" or float((slope * (x - self.x[b])).sum()) > minimum:
                 self.x[b], self.key[b] = x, assignment.tobytes()
                 self.keep_best(b, assignment)
                 improved = True
@@ -121,7 +121,7 @@ class _Ascent:
             return
         alone = [self.own_score(b) for b in range(self.blocks)]
         b = int(np.argmax(alone))
-        if alone[b] + self.alpha * self.matched ** (self.blocks // 2) > self.value() + least:
+        if alone[b] + self.alpha * self.matched ** (self.blocks // 2) > self.value() + minimum:
             self.x, self.key = [self.x[b]] * self.blocks, [self.key[b]] * self.blocks
         elif self.alpha > 0:
             self.alpha *= 2

@@ -50,10 +50,10 @@ class KLProjection(Options):
         Alternatives to report: the best single changes of the assignment.
     """
 
-    matches: int | None = option(None, least=1)
-    iterations: int = option(10_000, least=1)
-    tolerance: float = option(1e-9, least=0.0)
-    keep: int = option(16, least=0)
+    matches: int | None = option(None, minimum=1)
+    iterations: int = option(10_000, minimum=1)
+    tolerance: float = option(1e-9, minimum=0.0)
+    keep: int = option(16, minimum=0)
 
     def __call__(self, tensor: AffinityTensor, *, seed: int = 0, deadline: Deadline = NEVER) -> Solution:
         """Solve; nothing here is random, the seed is not used."""
@@ -66,8 +66,8 @@ class KLProjection(Options):
         from scipy.sparse import csr_array  # slow to import
         from scipy.sparse.csgraph import maximum_bipartite_matching
 
-        most = int(np.sum(maximum_bipartite_matching(csr_array(y > 0)) >= 0))
-        matches = most if self.matches is None else min(self.matches, most)
+        maximum = int(np.sum(maximum_bipartite_matching(csr_array(y > 0)) >= 0))
+        matches = maximum if self.matches is None else min(self.matches, maximum)
         limit = deadline.affordable(self.iterations, SECONDS_PER_ENTRY * y.size)
         soft, change, rounds = project(y / y.max(), float(matches), limit, self.tolerance)
         deadline.record_cut(left_out=rounds < self.iterations and change > self.tolerance)

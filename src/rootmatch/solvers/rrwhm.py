@@ -62,14 +62,14 @@ class ReweightedWalk(Options):
         Alternatives to report: the best single changes of the assignment.
     """
 
-    walk: float = option(0.2, least=0.0, most=1.0)
-    inflation: float = option(30.0, above=0.0, most=300.0)
-    iterations: int = option(300, least=1)
-    tolerance: float = option(1e-6, least=0.0)
-    balancing: int = option(100, least=1)
-    balanced_to: float = option(1e-4, least=0.0)
+    walk: float = option(0.2, minimum=0.0, maximum=1.0)
+    inflation: float = option(30.0, above=0.0, maximum=300.0)
+    iterations: int = option(300, minimum=1)
+    tolerance: float = option(1e-6, minimum=0.0)
+    balancing: int = option(100, minimum=1)
+    balanced_to: float = option(1e-4, minimum=0.0)
     slack: bool = option(True)
-    keep: int = option(16, least=0)
+    keep: int = option(16, minimum=0)
 
     def __call__(self, tensor: AffinityTensor, *, seed: int = 0, deadline: Deadline = NEVER) -> Solution:
         """Solve; nothing here is random, the seed is not used."""

@@ -44,7 +44,7 @@ WEAK = 0.02
 """Standard deviation in radians, or over the distance, from which a direction is averaged over. A round value."""
 PLACES = np.linspace(-3.0, 3.0, 7)
 """Poses on the line, in standard deviations of the fit. A round value."""
-LEAST = 0.25
+MINIMUM = 0.25
 """Least variance along the line, over that of the fit: the poses on it are no closer. By construction."""
 
 
@@ -63,7 +63,7 @@ def average_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
             R, position, covariance = _average(model, modes.assignments[k], about)
         else:
             row = np.array(modes.assignments[k][None], np.int64)
-            average_weak_directions(row, WEAK, PLACES, model.exact_scene_for_kernels, prior, LEAST, about)
+            average_weak_directions(row, WEAK, PLACES, model.exact_scene_for_kernels, prior, MINIMUM, about)
             R, position, covariance = about[0][0], about[1][0], about[2]
     pose = model.pose_of_origin(R, position, 0.5 * (covariance + covariance.T))
     shared = errors_in_common(model, modes.assignments[k], pose)
@@ -96,7 +96,7 @@ def _average(
         moments = _project_along(model, assignment, known, mean + PLACES[:, None] * line, lines=lines)
         if moments is not None:
             mean, spread = moments
-            covariance = covariance - np.outer(line, line) + spread + LEAST * np.outer(line, line)
+            covariance = covariance - np.outer(line, line) + spread + MINIMUM * np.outer(line, line)
     moved = move_along_arc(mean[:3], mean[3:])
     change = _refer_to(moved[None])[0]
     return one_rotation_matrix(mean[:3]) @ R, position + moved, change @ covariance @ change.T

@@ -60,7 +60,7 @@ from rootmatch.tracking.mistaken_identity import (
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
 from rootmatch.tracking.weighed_modes import LIKELY, WeighedModes, weigh_modes
 
-MOST = 4
+MAXIMUM = 4
 """Largest number of poses followed at once, each for about a millisecond per frame. A round value."""
 NEGLIGIBLE = math.log(1e4)
 """Log-odds against the best hypothesis at which one is given up: the decision holds for the rest of a flight."""
@@ -84,7 +84,7 @@ class Belief:
         """Of the last frame that was taken in, seconds."""
         self.gone = GonePlaces()
         self.given_up: MotionFilter | None = None
-        self.most = 0
+        self.maximum = 0
         """Largest number of matches with which a single place was weighed for itself alone."""
         self.absent = 1.0 - IN_VIEW
         """Probability that the body is not in view, as of that frame, if it is not where it is followed."""
@@ -154,7 +154,7 @@ class Belief:
     def lose(self, absent: float = 1.0) -> None:
         """Give up all: what is found next may be what was in any of the places, or else, if the body is ``absent``."""
         self._keep([False] * len(self.poses))
-        self.absent, self.most = absent, 0
+        self.absent, self.maximum = absent, 0
 
     def keep_best(self, time: float) -> None:
         """Give up all hypotheses but the most probable one: the caller says at a time where the body is."""
@@ -172,14 +172,14 @@ class Belief:
     def add_place(self, filter_: MotionFilter) -> None:
         """Also follow a pose elsewhere, as of another body for which this one may have been taken."""
         pose = filter_.predicted(filter_.time)
-        if len(self.poses) < MOST and not any(one.filter.is_near(pose, filter_.time) for one in self.poses):
+        if len(self.poses) < MAXIMUM and not any(one.filter.is_near(pose, filter_.time) for one in self.poses):
             log_weight = self.poses[0].log_weight + math.log(DOUBTED)
             self.poses.append(copy_with(self.poses[0], filter=filter_, log_weight=log_weight))
 
     def _add(self, filter_: MotionFilter, log_share: float) -> None:
         """Follow another pose, unless one like it is followed, or as many as are followed at once."""
         known = any(float((filter_.R * one.filter.R).sum()) > ALIKE for one in self.poses)
-        if len(self.poses) < MOST and not known:
+        if len(self.poses) < MAXIMUM and not known:
             self.poses.append(copy_with(self.poses[0], filter=filter_, log_weight=self.poses[0].log_weight + log_share))
 
     def take(self, found: Finding, time: float, searched: bool = False) -> None:
@@ -220,8 +220,8 @@ class Belief:
             continued &= log_chance(told.probabilities[: len(origin)]) >= nothing + log_shares[origin]
         first = int(continued.argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
-        weighed, self.most = weigh_modes(
-            found, origin, log_shares, (first, often), poses=self.poses, most=self.most, time=time
+        weighed, self.maximum = weigh_modes(
+            found, origin, log_shares, (first, often), poses=self.poses, maximum=self.maximum, time=time
         )
         go_on = weighed.steps(found, model, nothing, log_shares)
         own = (log_chance(shares) if doubt == 1.0 else log_shares[:-1] - math.log1p(-doubt)).tolist()
@@ -235,8 +235,8 @@ class Belief:
         """Follow the likeliest of the hypotheses that may be ``after`` a frame, the most probable first."""
         (told, model), modes, origin = found.judged, weighed.modes, weighed.origin
         # no frame makes more of a place than it is, so one that is less probable than a wrong model never counts
-        least = [math.log(WRONG_MODEL) if one.place != after[0].place else -NEGLIGIBLE for one in after]
-        likely = [one for one, gap in zip(after, least, strict=True) if one.total > after[0].total + gap][:MOST]
+        minimum = [math.log(WRONG_MODEL) if one.place != after[0].place else -NEGLIGIBLE for one in after]
+        likely = [one for one, gap in zip(after, minimum, strict=True) if one.total > after[0].total + gap][:MAXIMUM]
         # an average takes several evaluations of the posterior: only poses that are followed have one
         seen = [step for step in after if step.mode is not None and step.origin >= 0] != []
         every = [self._advance(step, found, modes, time, seen) for step in likely]

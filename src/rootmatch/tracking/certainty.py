@@ -16,7 +16,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import KEPT
 from rootmatch.explain.point_set_decision import matches_pose
 from rootmatch.frozen import copy_with
-from rootmatch.model.pose_density import LEAST
+from rootmatch.model.pose_density import MINIMUM
 from rootmatch.model.posterior import Others, drop_doubtful_matches
 from rootmatch.model.priors import COPY, PRESENT_ODDS, probability
 from rootmatch.tracking.belief import Belief
@@ -74,16 +74,16 @@ def drop_doubtful(found: Finding, weighed: Finding) -> Finding:
 
     ``found``: by a frame, about a predicted pose; ``weighed``: with the confidence that the frames before leave.
     """
-    least, told, confidence = found.facts.min_probability, found.posterior, weighed.confidence
+    minimum, told, confidence = found.facts.min_probability, found.posterior, weighed.confidence
     if found.status is not Status.MATCHED or weighed.status is Status.MATCHED or told is None or confidence is None:
         return weighed
     matched = found.assignment >= 0
     pose = float(confidence[matched].max(initial=0.0))
-    if pose < least:
+    if pose < minimum:
         return weighed
-    believed = drop_doubtful_matches(found.assignment, confidence, pose, least, pose=pose)
+    believed = drop_doubtful_matches(found.assignment, confidence, pose, minimum, pose=pose)
     kept, every = believed.assignment >= 0, np.count_nonzero(told.modes.assignments[found.mode] >= 0)
-    if np.count_nonzero(kept) < LEAST or believed.known < KEPT * every:
+    if np.count_nonzero(kept) < MINIMUM or believed.known < KEPT * every:
         return weighed
     return copy_with(
         found.with_facts(probability=believed.probability),

@@ -17,7 +17,7 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.model.copy_or_alike import ANOTHER
 from rootmatch.model.detection_model import USUAL_RATE
-from rootmatch.model.elsewhere import MOST, seen_elsewhere
+from rootmatch.model.elsewhere import MAXIMUM, seen_elsewhere
 from rootmatch.model.image_alike import REACH
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.tracking.followed_places import later_chance, return_factor
@@ -82,7 +82,7 @@ class DarkPoints:
         assert found.posterior is not None
         whole, local = _match_credibility(found, sure)
         dark = np.minimum(found.posterior.modes.unmatched[found.mode], 1.0 - local)  # the rest is of other detections
-        told = np.minimum(local * _lit_factor(dark, lit, missed(found, lit)), self.foreign.most(found, lit, time))
+        told = np.minimum(local * _lit_factor(dark, lit, missed(found, lit)), self.foreign.maximum(found, lit, time))
         less = float((told[matched] / np.maximum(local[matched], 1e-300)).prod())
         if less > 1.0 - WRONG_MODEL:
             return found
@@ -104,7 +104,7 @@ class DarkPoints:
         if before is None or len(before) != len(sure):
             before, self.foreign = np.full(len(sure), LIT), ForeignLights(len(sure))
         dark, less = told.unmatched, missed(found, before)
-        own = self.foreign.most(found, before, time)
+        own = self.foreign.maximum(found, before, time)
         chance = np.minimum((1.0 - dark) * _lit_factor(dark, before, less), own)  # that it was detected
         is_turned_away = told.modes.visible[found.mode] < FACING
         self.lit = np.where(is_turned_away, before, chance + (1.0 - chance) * before / less)
@@ -134,8 +134,8 @@ class DarkPoints:
         shown = found.judged[0].modes.visible[found.mode].reshape(matched.shape)[:, dark].sum()
         own, usual = USUAL_RATE * float(shown), self.left + 0.5
         gained = self._count_again(found) * math.log1p(own / usual) - own
-        most = np.count_nonzero(dark) * math.log(ANOTHER / (1.0 - USUAL_RATE))
-        self.more = min(max(self.more + min(TEMPER * gained, -math.log(STILL)), FLOOR), most)
+        maximum = np.count_nonzero(dark) * math.log(ANOTHER / (1.0 - USUAL_RATE))
+        self.more = min(max(self.more + min(TEMPER * gained, -math.log(STILL)), FLOOR), maximum)
 
     def _count_again(self, found: Finding) -> int:
         """Number of sightings of what is seen elsewhere on the body, where it was in the frames before.
@@ -154,7 +154,7 @@ class DarkPoints:
                     del self.elsewhere[k]
                     break
             self.elsewhere.append((mean, frames))
-        self.elsewhere = self.elsewhere[-MOST:]
+        self.elsewhere = self.elsewhere[-MAXIMUM:]
         if seen and not count:
             self.more = FLOOR
         return count
@@ -198,5 +198,5 @@ def _match_credibility(found: Finding, confidence: Floats) -> tuple[Floats, Floa
     whole = told.probabilities @ same
     whole[~same[found.mode]] = told.probabilities[found.mode]  # of a blob's likeliest point
     given = confidence / np.maximum(whole, 1e-300)
-    most = max(float(given[matched].max(initial=0.0)), 1e-300)
-    return most * whole, np.minimum(given / most, 1.0)
+    maximum = max(float(given[matched].max(initial=0.0)), 1e-300)
+    return maximum * whole, np.minimum(given / maximum, 1.0)

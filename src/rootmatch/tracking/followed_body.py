@@ -86,10 +86,10 @@ class TrackingOptions(Options):
     """
 
     interval: float = option(1.0 / 60.0, above=0.0)
-    coasting: float = option(0.5, least=0.0)
-    present: float = option(0.7, least=0.0)
-    search_budget: int = option(60_000, least=1)
-    search_every: int = option(10, least=1)
+    coasting: float = option(0.5, minimum=0.0)
+    present: float = option(0.7, minimum=0.0)
+    search_budget: int = option(60_000, minimum=1)
+    search_every: int = option(10, minimum=1)
     motion: MotionOptions = option(DEFAULT_MOTION)
 
     def __post_init__(self) -> None:
@@ -247,9 +247,9 @@ class FollowedBody:
         certain, why = 1.0, ""
         if found.status is Status.MATCHED:
             certain, why = pose_certainty(self.belief, weighed, time)
-        sure, least = weighed.confidence, found.facts.min_probability
+        sure, minimum = weighed.confidence, found.facts.min_probability
         surest = 0.0 if sure is None else float(sure[weighed.assignment >= 0].max(initial=0.0))
-        doubted = certain < least or surest * certain < least <= surest
+        doubted = certain < minimum or surest * certain < minimum <= surest
         whole = weighed.scale_probability(certain) if certain < 1.0 - WRONG_MODEL else weighed
         rest = whole if doubted else drop_doubtful(found, whole)
         matched = (weighed if doubted else rest).status is Status.MATCHED
@@ -311,8 +311,12 @@ class FollowedBody:
             return
         self.belief.leave_before(time - self.options.coasting)
         self.missed, self.detections, self.own = 0, found.task.shape[1], found.matched_count
-        least = found.facts.min_probability
-        if self.belief and 1.0 - self.belief.unfollowed < least and frame - self.searched >= self.options.search_every:
+        minimum = found.facts.min_probability
+        if (
+            self.belief
+            and 1.0 - self.belief.unfollowed < minimum
+            and frame - self.searched >= self.options.search_every
+        ):
             self._lose(absent=0.0)  # what is not followed can only be found anew
             return
         if frame % self.options.search_every == 0 and self.belief and not in_space:

@@ -51,7 +51,7 @@ class GonePlaces:
     """What is known of places that are not followed any more."""
 
     def __init__(self) -> None:
-        self.share = self._most = 0.0
+        self.share = self._maximum = 0.0
         """Probability that the body was in one of them, rather than in those that are followed; of the likeliest."""
 
     def add(self, before: Mapping[int, float], after: Mapping[int, float], things: Mapping[int, float]) -> None:
@@ -63,19 +63,19 @@ class GonePlaces:
         ``things``: probability that each place has something that lasts, whether or not it is the body.
         """
         every = [(1.0 - self.share) * share for place, share in before.items() if place not in after]
-        self._most = max([self._most, *every])
+        self._maximum = max([self._maximum, *every])
         self.share += sum(every)
         if not after:
             others = sum(things.values())
             comes_back = sum(share / (1.0 + others - things[place]) for place, share in before.items())
-            self.share, self._most = 1.0 - min(self._most, comes_back), 0.0
+            self.share, self._maximum = 1.0 - min(self._maximum, comes_back), 0.0
 
     def fade(self, seconds: float) -> None:
         """Count that the body has not come back there for some seconds in which what is followed was seen."""
         if self.share < 1.0:
             stays = math.exp(-IN_VIEW / RETURN * seconds)
             left = 1.0 - self.share * (1.0 - stays)
-            self.share, self._most = self.share * stays / left, self._most * stays / left
+            self.share, self._maximum = self.share * stays / left, self._maximum * stays / left
 
 
 def sort_into_places(

@@ -265,5 +265,5 @@ def _log_other(log_odds: float, found: Finding, weight: float) -> float:
     if log_odds <= SURE or misfit is None or not (found.log_odds or 0.0) > 0.0:
         return log_odds
     return update_identity(
-        log_odds, misfit, weight, as_off=misfit.largest_error_gain(found.task.log_inexact), least=SURE
+        log_odds, misfit, weight, as_off=misfit.largest_error_gain(found.task.log_inexact), minimum=SURE
     )

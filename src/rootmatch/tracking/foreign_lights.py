@@ -42,7 +42,7 @@ class ForeignLights:
         """Probability (n,) that the last match was right; that the point was lit when it was met; its time."""
         self.time = self.since = -math.inf
         """Of the last frame; of the first one in which it was found again after frames that did not show the body."""
-        self._most: tuple[Finding, float, Floats] | None = None
+        self._maximum: tuple[Finding, float, Floats] | None = None
 
     @property
     def holds(self) -> float:
@@ -61,24 +61,24 @@ class ForeignLights:
         gone = np.where(self.seen < self.time, (time - self.seen) / STAYS, 0.0)
         return np.asarray(1.0 - (1.0 - chance) * np.exp(-gone))
 
-    def most(self, found: Finding, lit: Floats, time: float) -> Floats:
+    def maximum(self, found: Finding, lit: Floats, time: float) -> Floats:
         """The largest probability (n,) that each match of a finding can have, given its pose.
 
         ``lit`` (n,): probability that each point is lit at that time.
         """
-        if self._most is not None:
-            last, when, most = self._most
+        if self._maximum is not None:
+            last, when, maximum = self._maximum
             same = last.posterior is found.posterior and last.mode == found.mode
             if same and last.assignment is found.assignment and when == time:
-                return most
+                return maximum
         own = self._current_probability(self.own, time)
         doubtful = ((found.assignment >= 0) & (own < SURE)).nonzero()[0]
         if len(doubtful):
             before = np.minimum(self._current_probability(self.met, time), lit)
             own[doubtful] = np.maximum(own[doubtful], doubtful_probability(found, doubtful, before))
-        most = np.where(own < SURE, own, 1.0)
-        self._most = found, time, most  # asked for as the frame is weighed, and as it is learned from
-        return most
+        maximum = np.where(own < SURE, own, 1.0)
+        self._maximum = found, time, maximum  # asked for as the frame is weighed, and as it is learned from
+        return maximum
 
     def take(self, found: Finding, given: Floats, lit: Floats, time: float) -> None:
         """Learn from a frame.
@@ -88,7 +88,7 @@ class ForeignLights:
         """
         matched, met = found.assignment >= 0, self._current_probability(self.met, time)
         met = np.where(self.seen < self.time, np.minimum(met, lit), met)
-        given = np.minimum(given, self.most(found, lit, time))
+        given = np.minimum(given, self.maximum(found, lit, time))
         if found.posterior is not None and len(found.posterior.probabilities) > 1:
             modes = found.posterior.modes.take(slice(len(found.posterior.probabilities)))
             # what is one of several poses now, may be the only one in a moment
@@ -98,7 +98,7 @@ class ForeignLights:
             matched = matched | possible
         self.own, self.met = np.where(matched, given, self.own), np.where(matched, met, self.met)
         self.seen, self.time = np.where(matched, time, self.seen), time
-        self._most = None
+        self._maximum = None
 
 
 def doubtful_probability(found: Finding, doubtful: Integers, lit: Floats) -> Floats:
@@ -120,9 +120,9 @@ def doubtful_probability(found: Finding, doubtful: Integers, lit: Floats) -> Flo
     weight = weigh_assignments(model, assignments, at, prior).log_odds
     each = [_log_chance(found, right, doubtful, one) for one in (lit, np.full(len(lit), LIT))]
     weight += np.logaddexp(each[0] + math.log1p(-TOGETHER), each[1] + math.log(TOGETHER))
-    if not math.isfinite(most := float(weight.max())):
+    if not math.isfinite(maximum := float(weight.max())):
         return np.zeros(len(doubtful))
-    weight = np.exp(weight - most)
+    weight = np.exp(weight - maximum)
     return np.asarray(weight @ right / weight.sum())
 
 

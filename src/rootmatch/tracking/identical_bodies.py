@@ -78,13 +78,13 @@ def name_places(
 
 def _places(found: Sequence[Finding], radius: float) -> Iterator[Pose]:
     """Poses that one body or another of a group has for certain, the most certain ones first."""
-    least, every = found[0].facts.min_probability, list[tuple[float, Pose]]()
+    minimum, every = found[0].facts.min_probability, list[tuple[float, Pose]]()
     for one in found:
         if one.posterior is not None and one.model is not None:
             modes = one.posterior.modes
             every += [(float(p), mode_pose(one.model, modes, k)) for k, p in enumerate(one.posterior.probabilities)]
         elif one.labellings is not None:
-            likely = one.labellings.probabilities >= 1.0 - least
+            likely = one.labellings.probabilities >= 1.0 - minimum
             chances = one.labellings.probabilities[likely].tolist()
             poses = one.task.problem.poses(one.task.points, one.labellings.assignments[likely])
             every += [(p, pose) for p, pose in zip(chances, poses, strict=True) if pose is not None]
@@ -95,7 +95,7 @@ def _places(found: Sequence[Finding], radius: float) -> Iterator[Pose]:
             sums[same[0]] = sums[same[0]][0] + chance, sums[same[0]][1]
         else:
             sums.append((chance, pose))
-    return (pose for chance, pose in sorted(sums, key=lambda one: -one[0]) if chance >= least)
+    return (pose for chance, pose in sorted(sums, key=lambda one: -one[0]) if chance >= minimum)
 
 
 def _current_pose(followed: MotionFilter) -> Pose:

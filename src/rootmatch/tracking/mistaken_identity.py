@@ -16,7 +16,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.goodness_of_fit import MOST_ALIKE, Misfit
+from rootmatch.explain.goodness_of_fit import MAX_ALIKE, Misfit
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.motion_filter import MotionFilter
@@ -54,9 +54,9 @@ def log_other_presence(given_up: MotionFilter, pose: Pose, time: float, centres:
 
 
 def update_identity(
-    log_odds: float, misfit: Misfit, weight: float, of_rig: bool = False, *, as_off: float = 0.0, least: float = FLOOR
+    log_odds: float, misfit: Misfit, weight: float, of_rig: bool = False, *, as_off: float = 0.0, minimum: float = FLOOR
 ) -> float:
-    """Log-odds, after a frame, that what is followed is something else; at ``least`` some.
+    """Log-odds, after a frame, that what is followed is something else; at ``minimum`` some.
 
     ``misfit``: of the detections about the pose. ``weight``: of a frame's evidence, as what spoils one fit may spoil
     the next. ``as_off``: log-odds of the body with points that are off, of that as given, if it is the former.
@@ -66,8 +66,8 @@ def update_identity(
     other = misfit.odds_of_something_else(of_rig) * math.exp(-as_off)
 
     def after(odds: float) -> float:
-        return max(log_odds + weight * math.log(odds / (1.0 - WRONG_MODEL + WRONG_MODEL * odds)), least)
+        return max(log_odds + weight * math.log(odds / (1.0 - WRONG_MODEL + WRONG_MODEL * odds)), minimum)
 
     if misfit.another == -math.inf:
         return after(other)
-    return max(after(other), min(after(other + math.exp(min(misfit.another - FLOOR, MOST_ALIKE))), misfit.another))
+    return max(after(other), min(after(other + math.exp(min(misfit.another - FLOOR, MAX_ALIKE))), misfit.another))

@@ -56,16 +56,16 @@ class MotionOptions(Options):
     angular_velocity: float = option(4.0, above=0.0)
     velocity: float = option(15.0, above=0.0)
     persistence: float = option(0.1, above=0.0)
-    memory: float = option(50.0, least=6.0)
-    least_scale: float = option(0.5, above=0.0)
-    most_scale: float = option(3.0, above=0.0)
-    scale_drift: float = option(1e-4, least=0.0)
+    memory: float = option(50.0, minimum=6.0)
+    min_scale: float = option(0.5, above=0.0)
+    max_scale: float = option(3.0, above=0.0)
+    scale_drift: float = option(1e-4, minimum=0.0)
 
 
 ALIKE = 1.0 + 2.0 * math.cos(0.2)
 """Trace of the rotation between two poses above which they are one. A round value."""
 DEFAULT_MOTION = MotionOptions()
-MOST_SURPRISE = 10.0
+MAX_SURPRISE = 10.0
 """Square of a step over the expected one above which it counts as no larger. A round value."""
 
 
@@ -199,9 +199,9 @@ class MotionFilter:
         self.time, self._ahead = time, None
         # expected square of a step: the part of the prior's covariance that the detections removed
         expected, options = max(size - left, 0.0), self.options
-        more = min(squared, MOST_SURPRISE * expected) - expected
+        more = min(squared, MAX_SURPRISE * expected) - expected
         factor = self.factor * math.sqrt(1.0 + weight * more / options.memory)
-        self.factor = min(max(factor, options.least_scale), options.most_scale)
+        self.factor = min(max(factor, options.min_scale), options.max_scale)
         if weight < 1.0:
             self.scale = scale + weight * (self.scale - scale)
             self._mix(weight, before, step)

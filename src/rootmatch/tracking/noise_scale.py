@@ -5,7 +5,7 @@ the inverse gamma distribution of the variances' factor s², of which the model 
 
 Residuals that are too large may be those of something else, a reflection or another model of a controller. These stay
 the same from one frame to the next one, where those of noise are drawn anew: how much they change tells s² of the noise
-alone, whatever is followed. It is taken in also of frames that fit with `MOST_OF_CHANGES` times the noise only.
+alone, whatever is followed. It is taken in also of frames that fit with `MAX_OF_CHANGES` times the noise only.
 
 Or they are those of points that are off, though no noise of them was stated: these stay as well. Once that is certain,
 the points have a noise as if it had been stated.
@@ -25,7 +25,7 @@ from rootmatch.arrays import Bools, Floats, median
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.goodness_of_fit import MOST_INFLATION
+from rootmatch.explain.goodness_of_fit import MAX_INFLATION
 from rootmatch.explain.inexact_points import error_gains
 from rootmatch.model.evidence import normalised_deviations
 from rootmatch.model.image_alike import OWN
@@ -34,25 +34,25 @@ from rootmatch.tracking.mistaken_identity import TEMPER
 
 Findings = Mapping[Label | None, Finding]
 
-MOST_FREEDOM = 1000.0
+MAX_FREEDOM = 1000.0
 """Residuals that are remembered, those of some thirty frames: the factor may change, as with a lens that warms up. A
 round value."""
-MOST, MOST_OF_RIG = math.sqrt(MOST_INFLATION), 4.0
+MAXIMUM, MAX_OF_RIG = math.sqrt(MAX_INFLATION), 4.0
 """Largest factor on σ that is believed: of one camera as of one image, and of a rig, whose calibration may be off by
 more than the noise: a pose takes up what is wrong with one camera, not what is wrong between several. What fits with no
 less is another object: of 1,440 frames that show the asked ring of LEDs beside one of another layout, which came first,
 491 were trusted for the wrong one with 4.0, 136 with 2.0. The second is a round value."""
-MOST_OF_CHANGES = 4.0
+MAX_OF_CHANGES = 4.0
 """Largest factor on σ that is believed of residuals that change from frame to frame. A round value."""
 FREEDOM_OF_CHANGES = 100.0
 """Changes that are remembered, those of a few frames: vibration comes and goes. A round value."""
 FADES = 0.8
 """What the last few frames count for after each. A round value."""
-MOST_OF_MEAN = 4.0
+MAX_OF_MEAN = 4.0
 """Of the squared residual of a point, relative to the mean: one in fifty is larger. A round value."""
 VAGUE = 2.0
 """Residuals for which a scale of which hardly anything is known counts. A round value."""
-LOG_CHANGED, MOST_OF_FRAME = math.log(WRONG_MODEL), -0.5 * math.log(WRONG_MODEL)
+LOG_CHANGED, MAX_OF_FRAME = math.log(WRONG_MODEL), -0.5 * math.log(WRONG_MODEL)
 """Log-odds, at first, that the noise has become another one, and what one frame says of that at most: a pose that comes
 upon something else changes once, where noise is drawn anew in each frame."""
 QUIET = 1.2
@@ -60,7 +60,7 @@ QUIET = 1.2
 a larger one in one of six."""
 FEW = 4
 """Points, least, whose residuals are compared: of fewer, a pose leaves nothing."""
-LEAST = 8.0 * math.log(WRONG_MODEL)
+MINIMUM = 8.0 * math.log(WRONG_MODEL)
 """Log-odds from which frames are not asked any more: points stay as they are."""
 FRAME = -0.5 * math.log(WRONG_MODEL)
 """Log-odds that one frame adds at most."""
@@ -70,7 +70,7 @@ FRAME = -0.5 * math.log(WRONG_MODEL)
 class Scale:
     """Inverse gamma distribution of the factor on the variances; at least 1 is believed."""
 
-    most: float
+    maximum: float
     chi2: float = NOISE_FREEDOM
     freedom: float = NOISE_FREEDOM
 
@@ -83,8 +83,8 @@ class Scale:
         """Take in residuals, and forget those of long ago."""
         self.chi2 += chi2
         self.freedom += freedom
-        if self.freedom > self.most:
-            self.chi2, self.freedom = self.most / self.freedom * self.chi2, self.most
+        if self.freedom > self.maximum:
+            self.chi2, self.freedom = self.maximum / self.freedom * self.chi2, self.maximum
 
     def log_density(self, chi2: float, freedom: float) -> float:
         """Of the χ² of further residuals, but for what does not depend on those before."""
@@ -134,7 +134,7 @@ class Residuals:
 class NoiseScale:
     """The factor on the stated σ that the frames so far suggest; at least 1."""
 
-    residuals: Scale = field(default_factory=lambda: Scale(MOST_FREEDOM + NOISE_FREEDOM))
+    residuals: Scale = field(default_factory=lambda: Scale(MAX_FREEDOM + NOISE_FREEDOM))
     changes: Scale = field(default_factory=stated_scale)
     is_stated: bool = True
     """Whether nothing says that the noise alone is more than it was stated to be."""
@@ -168,12 +168,12 @@ class NoiseScale:
         """
         facts, dof, ratio = found.facts, found.noise_dof, found.noise_factor
         sure = facts.sure_of_the_rest and facts.present is not None and facts.present >= facts.min_probability
-        most = MOST if found.task.rig is None else MOST_OF_RIG
+        maximum = MAXIMUM if found.task.rig is None else MAX_OF_RIG
         if found.point_error:  # one frame does not tell which of both it is
             return
         if found.labellings is not None and found.alike is not None:  # they may be those of something else
             return
-        if not sure or not dof or ratio is None or not ratio * factor <= most:
+        if not sure or not dof or ratio is None or not ratio * factor <= maximum:
             return
         self.residuals.take(dof * (ratio * factor) ** 2, dof)
 
@@ -194,13 +194,13 @@ class NoiseScale:
         """
         doubtful = {label for label, part in parts.items() if label in self.waiting or _is_bad_fit(part, factor)}
         each: list[Hashable] = [label for label in doubtful if label in asked]
-        louder, before = with_more(MOST_OF_CHANGES) if each and not later else {}, self.changes
+        louder, before = with_more(MAX_OF_CHANGES) if each and not later else {}, self.changes
         self.waiting = each if later else []
         for label, part in parts.items():
             if label not in doubtful:
                 self.take_changes(label, part, factor)
             elif louder and label in asked:
-                self.take_changes(label, louder[label], MOST_OF_CHANGES)
+                self.take_changes(label, louder[label], MAX_OF_CHANGES)
         return self.changes is not before
 
     def take_changes(self, label: Hashable, found: Finding, factor: float) -> None:
@@ -230,9 +230,9 @@ class NoiseScale:
             changed = min(changed, self.changes.factor**2)
         left = now.dof / (2.0 * now.matched.sum())
         freedom = count * left
-        chi2 = freedom * min(changed / left, MOST_OF_CHANGES**2)
+        chi2 = freedom * min(changed / left, MAX_OF_CHANGES**2)
         gain = self.new.log_density(chi2, freedom) - self.changes.log_density(chi2, freedom)
-        self.log_new += min(max(gain, -MOST_OF_FRAME), MOST_OF_FRAME)
+        self.log_new += min(max(gain, -MAX_OF_FRAME), MAX_OF_FRAME)
         self.new.take(chi2, freedom)
         if self.log_new > 0.0:
             seen = self.new.chi2 - VAGUE, self.new.freedom - VAGUE
@@ -268,7 +268,7 @@ def _residual_variance(residuals: Floats) -> float:
     """Variance of residuals (k, 2), of which some may be those of wrong matches: larger ones count no more."""
     squared = (residuals**2).sum(axis=1)
     usual = median(squared) / math.log(2.0)  # twice the variance
-    return float(np.minimum(squared, MOST_OF_MEAN * usual).mean()) / 2.0
+    return float(np.minimum(squared, MAX_OF_MEAN * usual).mean()) / 2.0
 
 
 @dataclass
@@ -294,10 +294,10 @@ class InexactPoints:
         if not found.point_error and found.task.points.source_covariance is not None:
             return
         if not found.point_error:
-            if self.log_odds[-1] > LEAST and found.noise_dof and found.noise_factor is not None:
+            if self.log_odds[-1] > MINIMUM and found.noise_dof and found.noise_factor is not None:
                 gains = [min(max(TEMPER * gain, -FRAME), FRAME) for gain in error_gains(found).tolist()]
                 told = [one + gain for one, gain in zip(self.log_odds, gains, strict=True)]
-                self.log_odds = tuple(min(max(one, LEAST), 0.0) for one in told)
+                self.log_odds = tuple(min(max(one, MINIMUM), 0.0) for one in told)
             return
         self.log_odds = tuple(min(one + FRAME, 0.0) for one in self.log_odds)
         if stays is not None:

@@ -14,7 +14,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.rig_triples import is_met_by_search
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
-from rootmatch.model.pose_density import LEAST
+from rootmatch.model.pose_density import MINIMUM
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.tracking.followed_places import (
     LOOKED_AT,
@@ -70,7 +70,7 @@ class WeighedModes(NamedTuple):
                 chance = float((many or told_of) and (found.status is not Status.UNTRUSTED or self.is_shown))
             else:
                 chance = math.exp(self.chances[k] - np.logaddexp(self.chances[k], nothing + log_shares[of]))
-                if np.count_nonzero(modes.assignments[k] >= 0) < LEAST:  # its pose is that of these matches alone
+                if np.count_nonzero(modes.assignments[k] >= 0) < MINIMUM:  # its pose is that of these matches alone
                     chance *= math.exp(min(float(modes.log_odds[k] - modes.log_mass[k]), 0.0))
             if chance >= LIKELY:
                 out.append(
@@ -90,14 +90,14 @@ def weigh_modes(
     tempering: tuple[int, float],
     *,
     poses: Sequence[FollowedPose],
-    most: int,
+    maximum: int,
     time: float,
 ) -> tuple[WeighedModes, int]:
     """The modes of a frame with their weights, and the largest number of matches with which a place was weighed alone.
 
     ``origin``: (K,) the hypothesis, of ``poses``, that each mode continues. ``log_shares``: (H + 1,) of hypotheses, the
     last that of a new one. ``tempering``: the first mode that continues a hypothesis, and the power of the frame's
-    evidence. ``most``: that number, before the frame.
+    evidence. ``maximum``: that number, before the frame.
     """
     (told, model), (first, often) = found.judged, tempering
     modes = told.modes.first(LOOKED_AT)
@@ -105,8 +105,8 @@ def weigh_modes(
     place, alone, more, own = sort_into_places(model, modes, origin, poses, shown)
     count = int(np.count_nonzero(modes.assignments[0] >= 0))
     places = place.tolist()
-    if count > most and len(set(places)) == 1:
-        most, alone[:] = count, max(alone[0], sole_odds_of(model, modes, 0))
+    if count > maximum and len(set(places)) == 1:
+        maximum, alone[:] = count, max(alone[0], sole_odds_of(model, modes, 0))
     each = log_chance(told.probabilities[: len(origin)])
     followed, others = {one.place for one in poses}, False
     weight = log_shares[origin] + temper(each - log_shares[origin] - shown, origin, often) + more
@@ -123,4 +123,4 @@ def weigh_modes(
         modes, origin, place,
         alone=alone, more=more, own=own, shown=shown, chances=each, weights=weight, others=others, is_shown=is_shown,
     )  # fmt: skip
-    return weighed, most
+    return weighed, maximum

@@ -27,7 +27,7 @@ COUNTS = {
 }  # fmt: skip
 """Parameters of the models that need no pycolmap."""
 LINE = "CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"
-MOST = 1_000_000
+MAXIMUM = 1_000_000
 """Maximum number of cameras in a file of COLMAP."""
 
 
@@ -55,7 +55,7 @@ def read_colmap_binary(path: Path, data: bytes) -> dict[str, Camera]:
     found, at = {}, 8
     try:
         (count,) = struct.unpack_from("<Q", data)
-        if not 0 < count < MOST:
+        if not 0 < count < MAXIMUM:
             raise InputError(f"{path}: {count} cameras announced; give COLMAP's cameras.bin")
         for _ in range(count):
             camera_id, model, *extent = struct.unpack_from("<iiQQ", data, at)

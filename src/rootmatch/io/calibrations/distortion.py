@@ -56,7 +56,7 @@ MATRICES = frozenset(("e", "f", "h", "k", "m", "p"))
 """Names of matrices (OpenCV, ROS), which a short list of coefficients may have, too."""
 SIZES = (9, 12, 16)
 """Numbers of a matrix that is written as one list."""
-LEAST = 4
+MINIMUM = 4
 """Length of OpenCV's shortest list of coefficients."""
 REMEDY = (
     'this may be a lens, but is not read; if it is k1, k2, p1, p2[, k3, …] in OpenCV\'s order, name it "dist"; '
@@ -140,7 +140,7 @@ def _is_long_list(value: Any, *, matrices: bool) -> bool:
     found = [_parse_scalar(entry) for entry in value]
     if matrices and len(found) in SIZES:
         return False
-    return len(found) >= LEAST and None not in found and any(found)
+    return len(found) >= MINIMUM and None not in found and any(found)
 
 
 def _iterate_numbers(value: Any) -> Iterator[float]:

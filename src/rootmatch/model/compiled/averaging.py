@@ -29,14 +29,14 @@ def weak_directions(covariance, distance, weak):  # type: ignore[no-untyped-def]
             unit[p, q] = covariance[p, q] / ((distance if p > 2 else 1.0) * (distance if q > 2 else 1.0))
     diagonalise(unit, axes)
     for _ in range(6):
-        most = 0
+        maximum = 0
         for p in range(1, 6):
-            most = p if unit[p, p] > unit[most, most] else most
-        if not unit[most, most] >= weak * weak:
+            maximum = p if unit[p, p] > unit[maximum, maximum] else maximum
+        if not unit[maximum, maximum] >= weak * weak:
             break
         for p in range(6):
-            lines[p, count] = math.sqrt(unit[most, most]) * (distance if p > 2 else 1.0) * axes[p, most]
-        unit[most, most] = -math.inf
+            lines[p, count] = math.sqrt(unit[maximum, maximum]) * (distance if p > 2 else 1.0) * axes[p, maximum]
+        unit[maximum, maximum] = -math.inf
         count += 1
     return lines[:, :count]
 
@@ -143,7 +143,7 @@ def expand_prior_terms(off, about, arm, terms):  # type: ignore[no-untyped-def]
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def average_weak_directions(assignments, weak, places, scene, known, least, out):  # type: ignore[no-untyped-def]
+def average_weak_directions(assignments, weak, places, scene, known, minimum, out):  # type: ignore[no-untyped-def]
     """Mean and covariance of a pose by the posterior at places along its weak directions, one after another.
 
     Parameters
@@ -234,7 +234,7 @@ def average_weak_directions(assignments, weak, places, scene, known, least, out)
                 mean[p] += values[k] / weights * off[k, p]
         for p in range(6):
             for q in range(6):
-                spread = (least - 1.0) * lines[p, line] * lines[q, line]
+                spread = (minimum - 1.0) * lines[p, line] * lines[q, line]
                 for k in range(count):
                     spread += values[k] / weights * (off[k, p] - mean[p]) * (off[k, q] - mean[q])
                 covariance[p, q] += spread

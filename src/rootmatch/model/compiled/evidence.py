@@ -12,8 +12,8 @@ from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.occluder import (
     DIRECTIONS,
     EDGE,
-    LEAST_HIDDEN,
     LOG_FREE,
+    MIN_HIDDEN,
     WINDOW,
     fill_sizes,
     find_occluders,
@@ -213,8 +213,8 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
     visible[k] = 0.0
     for i in range(n):
         away[i], growth[i], barely[i] = facing_terms(cosine, view_cosine, tilt, pose, i)
-    least = fill_sizes(assignments[k], jacobian[pose], sizes)
-    farther = order[: order_smaller(least, sizes, order)]
+    minimum = fill_sizes(assignments[k], jacobian[pose], sizes)
+    farther = order[: order_smaller(minimum, sizes, order)]
     for edge in range(edges):
         for i in range(n):
             shown[i] = expected[pose, i] * visibility_by_normal(away[i], barely[i])
@@ -232,11 +232,11 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
         near = largest_size(assignments[k], shown, sizes)
         if edge == 0:
             odds[:] = -math.inf
-            if lost > LEAST_HIDDEN:
+            if lost > MIN_HIDDEN:
                 find_occluders(assignments[k], pixels[pose], missing, images, reaches, in_sight, odds)
         far = log_over_rates(missing, matches, nodes, log_nodes, products)
         value = log_with_range_limit(
-            missing, far, matches, sizes, farther, near, least, nodes, log_nodes, limits, products
+            missing, far, matches, sizes, farther, near, minimum, nodes, log_nodes, limits, products
         )  # fmt: skip
         for kind in (EDGE, WINDOW):
             if odds[kind] > -math.inf:
@@ -244,7 +244,7 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
                     left[i] = missing[i] * in_sight[kind, i]
                 far = log_over_rates(left, matches, nodes, log_nodes, products)
                 hidden = odds[kind] + log_with_range_limit(
-                    left, far, matches, sizes, farther, near, least, nodes, log_nodes, limits, products
+                    left, far, matches, sizes, farther, near, minimum, nodes, log_nodes, limits, products
                 )  # fmt: skip
                 value = max(value, hidden) + math.log1p(math.exp(-abs(value - hidden)))
         value += owned

@@ -60,7 +60,7 @@ def follow_gates(covariance, scene, known, limits, at, out, near):  # type: igno
     body, views, image, clutter, rates = scene
     assignments, weighed = out
     first, first_visible, candidates, gains, row = near
-    squared_gate, rate, hidden, most, longest = limits
+    squared_gate, rate, hidden, maximum, longest = limits
     target, sigma, log_weights, view_cosine = image[0], image[1], image[2], image[3]
     n, poses = assignments.shape[1], (rotation, position)
     images = pixels, jacobian, by_position, seen, cosine, expected
@@ -90,7 +90,7 @@ def follow_gates(covariance, scene, known, limits, at, out, near):  # type: igno
                 for j in range(target.shape[0]):
                     first[i, j] = candidates[i, j]
                     count += candidates[i, j]
-            if not 0 < count <= most:
+            if not 0 < count <= maximum:
                 return 0
         matched = 0
         for i in range(n):

@@ -76,11 +76,11 @@ def likely_mode_changes(
     changed : (S, n) or (S + 1, n) int64 array
         The assignment after each of these, and after all of them that gain together, if that is more than one.
     """
-    n, most = len(assignment), limits[3]
+    n, maximum = len(assignment), limits[3]
     room = 4 * n + 16
     while True:  # room made here: an array that a kernel returns takes longer than one it is given
         columns, gains = np.empty((4, room), np.int64), np.empty(room)
-        order, changed = np.empty(most, np.int64), np.empty((most + 1, n), np.int64)
+        order, changed = np.empty(maximum, np.int64), np.empty((maximum + 1, n), np.int64)
         out = columns, gains, order, changed
         count, size, rows = list_changes(assignment, points, covariance, image, limits, out)
         if count <= room:
@@ -94,7 +94,7 @@ def list_changes(assignment, points, covariance, image, limits, out):  # type: i
     assignment, points, covariance, image, out = borrow((assignment, points, covariance, image, out))
     kept, gain, order, changed = out
     target, sigma, blur, log_clutter, log_weights, log_counts, image_of = image
-    rate, least_gain, may_lose, most, least = limits
+    rate, min_gain, may_lose, maximum, minimum = limits
     n = assignment.shape[0]
     matches, total, visible = np.zeros(log_counts.shape[0], np.int64), 0, 0.0
     for i in range(n):
@@ -116,14 +116,14 @@ def list_changes(assignment, points, covariance, image, limits, out):  # type: i
             every[i, assignment[i]] = IMPOSSIBLE
     room = 4 * n + 16
     columns, gains = np.empty((4, room), np.int64), np.empty(room)
-    listed = enumerate_changes(assignment, every, least_gain, columns, gains)
+    listed = enumerate_changes(assignment, every, min_gain, columns, gains)
     if listed > room:
         columns, gains = np.empty((4, listed), np.int64), np.empty(listed)
-        enumerate_changes(assignment, every, least_gain, columns, gains)
+        enumerate_changes(assignment, every, min_gain, columns, gains)
     count = 0
     for k in range(listed):
         count += 1 if may_lose or columns[1, k] >= 0 or columns[2, k] >= 0 else 0
-    size, place = min(most, count), 0
+    size, place = min(maximum, count), 0
     if count > gain.shape[0]:
         return count, size, 0
     # element by element here and below: the checks of whole rows take longer to compile than all the rest
@@ -145,7 +145,7 @@ def list_changes(assignment, points, covariance, image, limits, out):  # type: i
     several = _apply_compatible(kept, order, positive, together)
     for i in range(n):
         left += 1 if together[i] >= 0 else 0
-    rows = size + 1 if several > 1 and left >= least else size
+    rows = size + 1 if several > 1 and left >= minimum else size
     for row in range(rows):
         for i in range(n):
             changed[row, i] = assignment[i] if row < size else together[i]

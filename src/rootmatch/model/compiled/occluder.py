@@ -28,10 +28,10 @@ OCTAVES = math.log(DEPTHS)
 in it, each octave as probable, as long as the nearest point is within the limit."""
 FARTHEST = 1.0 / DEPTHS
 """Part of the range that is left beyond its end: what lies there is seen as well, though hardly ever. A round value."""
-LEAST_HIDDEN = 2.0
+MIN_HIDDEN = 2.0
 """Missing visible points beyond which an edge or a window is looked for: fewer are as well missed one by one. A round
 value."""
-MOST_MISSED = 6.0
+MAX_MISSED = 6.0
 """Points missed one by one before a limit: more are never worth it. A round value."""
 LOG_ODDS = math.log(0.5 * OCCLUDED) - math.log1p(-OCCLUDED)
 """Of one of them against neither."""
@@ -132,7 +132,7 @@ def log_with_range_limit(missing, far, matches, sizes, order, nearest, smallest,
     if end == 0:
         return out
     count, missed, at, here = 0, 0.0, 0, _chance_within_range(nearest, smallest)
-    while missed < MOST_MISSED and at < end:
+    while missed < MAX_MISSED and at < end:
         while missing[order[at]] <= BARELY:
             at += 1
         lower = sizes[order[at]]
@@ -173,7 +173,7 @@ def find_occluders(assignment, pixels, missing, images, reaches, in_sight, odds)
     in_sight[:] = 1.0
     for image in range(images):
         first, end = image * each, (image + 1) * each
-        most, way, outside, points = LEAST_HIDDEN, -1, 0.0, 0.0
+        maximum, way, outside, points = MIN_HIDDEN, -1, 0.0, 0.0
         for turn in range(DIRECTIONS):
             across, down, reach, beyond = ACROSS[turn], DOWN[turn], -math.inf, 0.0
             for i in range(first, end):
@@ -183,8 +183,8 @@ def find_occluders(assignment, pixels, missing, images, reaches, in_sight, odds)
             for i in range(first, end):
                 if missing[i] > 0.0 and across * pixels[i, 0] + down * pixels[i, 1] > reach:
                     beyond += missing[i]
-            if beyond > most:
-                most, way = beyond, turn
+            if beyond > maximum:
+                maximum, way = beyond, turn
         if way < 0:
             continue
         for i in range(first, end):
@@ -200,7 +200,7 @@ def find_occluders(assignment, pixels, missing, images, reaches, in_sight, odds)
         # a line in one of the directions parts the points in one way for each, a circle in one for each three of them
         before = odds[EDGE] if odds[EDGE] > -math.inf else 0.0
         odds[EDGE] = before + LOG_ODDS - math.log(DIRECTIONS * points)
-        if outside > most:
+        if outside > maximum:
             before = odds[WINDOW] if odds[WINDOW] > -math.inf else 0.0
             odds[WINDOW] = before + LOG_ODDS - math.log(points * points * points / 6.0)
         else:  # what one edge hides already

@@ -16,11 +16,11 @@ def least_axis(matrix, axes, out):  # type: ignore[no-untyped-def]
     ``axes`` (3, 3): scratch.
     """
     diagonalise(matrix, axes)
-    least = 0
+    minimum = 0
     for i in range(1, 3):
-        least = i if matrix[i, i] < matrix[least, least] else least
+        minimum = i if matrix[i, i] < matrix[minimum, minimum] else minimum
     for i in range(3):
-        out[i] = axes[i, least]
+        out[i] = axes[i, minimum]
 
 
 @part
@@ -73,13 +73,13 @@ def reverse_depth(assignments, points, poses, views, out):  # type: ignore[no-un
     centre, normal, scratch = np.empty(3), np.empty(3), (np.empty((3, 3)), np.empty((3, 3)))
     for k in range(rotations.shape[0]):
         fit_plane(points, assignments[k], scratch, centre, normal)
-        most, camera = -1, 0
+        maximum, camera = -1, 0
         for view in range(turns.shape[0]):
             matches = 0
             for i in range(view * n, (view + 1) * n):
                 matches += 1 if assignments[k, i] >= 0 else 0
-            if matches > most:
-                most, camera = matches, view
+            if matches > maximum:
+                maximum, camera = matches, view
         length = 0.0
         for p in range(3):
             eye[p], middle = 0.0, positions[k, p]

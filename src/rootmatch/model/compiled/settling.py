@@ -88,7 +88,7 @@ def settle_hypotheses(assignments, at, scene, spread, known, limits, out, after)
     assignments, at, scene, spread, known, out, after = borrow((assignments, at, scene, spread, known, out, after))
     pixels, jacobian, by_position, seen, cosine, expected, rotation, position = at
     body, views, image, clutter, rates = scene
-    given, most, first, small, far, behind, longest, hopeless = limits
+    given, maximum, first, small, far, behind, longest, hopeless = limits
     log_odds, steps, decrements = out[0], out[1], out[6]
     count = assignments.shape[0]
     poses = rotation, position
@@ -101,7 +101,7 @@ def settle_hypotheses(assignments, at, scene, spread, known, limits, out, after)
     terms = room[0]
     scratch = weighing_scratch(assignments.shape[1], image[4].shape[0], image[0].shape[0], rates[0].shape[0])
     going, kept = np.ones(count, np.bool_), np.ones(count, np.bool_)
-    for turn in range(0 if given == EVIDENCE else -1, most):  # −1: nothing is weighed, so no step is known
+    for turn in range(0 if given == EVIDENCE else -1, maximum):  # −1: nothing is weighed, so no step is known
         if turn >= 0:
             if turn == 0 and after[1].shape[0] > 0:
                 drop_behind(log_odds, hopeless, kept)

@@ -7,9 +7,9 @@ import math
 from rootmatch.jit.decorators import part
 from rootmatch.model.visibility import BARELY, EDGE, EDGES, FULLY, LOGISTIC, SLACK, UNSEEN
 
-LEAST_SPREAD = 1e-6
+MIN_SPREAD = 1e-6
 """Spread of a cosine below which it counts as exact."""
-MOST_BEYOND = 500.0
+MAX_BEYOND = 500.0
 """Exponent beyond which a visibility is nothing in any case."""
 SURE = 1.0 - 1e-15
 """Visibility above which a point of a blob counts as that: its logarithm of not being seen stays finite."""
@@ -41,7 +41,7 @@ def facing_terms(cosine, view_cosine, tilt, pose, point):  # type: ignore[no-unt
         edge, limit, between = view_cosine[point], view_cosine[point] - SLACK, 0.0
     spread = math.sqrt(1.0 - min(c * c, 1.0)) * tilt
     slope = LOGISTIC / math.sqrt(EDGE * EDGE + spread * spread)
-    beyond = min(LOGISTIC * (limit - c) / max(spread, LEAST_SPREAD), MOST_BEYOND)
+    beyond = min(LOGISTIC * (limit - c) / max(spread, MIN_SPREAD), MAX_BEYOND)
     return math.exp(-slope * (c - edge)), math.exp(slope * between), BARELY / (1.0 + math.exp(beyond))
 
 

@@ -66,7 +66,7 @@ def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
     ab2, hab, source, normals, rays, variances = triple_from_tables(t, i, j)
     ratios = ratio_pairs(ab2, s[i[1], i[2]], s[i[0], i[2]], hab, h[j[1], j[2]], h[j[0], j[2]])
     d, k = i[3], j[3]
-    least = UNINFORMATIVE * UNINFORMATIVE
+    minimum = UNINFORMATIVE * UNINFORMATIVE
     for root in range(4):
         x, y = ratios[2 * root], ratios[2 * root + 1]
         if x > 0.0 and y > 0.0:
@@ -76,8 +76,8 @@ def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
             predicted = prediction(source, frame, rays, variances, column(t.points, d))
             if facing_away(source, frame, column4(t.normals, d), predicted[0]) > 0.0:
                 continue
-            least = min(least, squared_deviation(predicted, column(t.rays, k), t.variance[k]))
-    return np.sqrt(least)
+            minimum = min(minimum, squared_deviation(predicted, column(t.rays, k), t.variance[k]))
+    return np.sqrt(minimum)
 
 
 @kernel

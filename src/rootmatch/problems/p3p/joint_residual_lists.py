@@ -22,7 +22,7 @@ from rootmatch.problems.p3p.prediction import (
 from rootmatch.problems.p3p.roots import ratio_pairs
 
 # not plain integers, for each of which Numba would compile what takes them anew
-DISTANCES, ANGLES, POINTS, NORMALS, RAYS, VARIANCES, LEAST = np.array([8, 11, 14, 26, 42, 54, 58])
+DISTANCES, ANGLES, POINTS, NORMALS, RAYS, VARIANCES, MINIMUM = np.array([8, 11, 14, 26, 42, 54, 58])
 """First rows of the block's parts, after the roots: |ab|², |bc|², |ca|²; versines; three for each of a, b, c, d
 (four for normals); …"""
 
@@ -85,14 +85,14 @@ def fill_block(t, kind, source, target, first, last, block):  # type: ignore[no-
         (
             block[0, k], block[1, k], block[2, k], block[3, k], block[4, k], block[5, k], block[6, k], block[7, k],
         ) = ratio_pairs(A, B, C, hab, hbc, hca)  # fmt: skip
-        block[LEAST, k] = UNINFORMATIVE * UNINFORMATIVE
+        block[MINIMUM, k] = UNINFORMATIVE * UNINFORMATIVE
     for root in range(4):
         for k in range(block.shape[1]):
             chi2 = squared_residual_at(block[2 * root, k], block[2 * root + 1, k], block, k)
-            block[LEAST, k] = min(block[LEAST, k], chi2)
+            block[MINIMUM, k] = min(block[MINIMUM, k], chi2)
 
 
 @kernel
 def listed(t, kind, i, j, block, k):  # type: ignore[no-untyped-def]
     """Kernel of one hyper-edge of the list: its residual from the block."""
-    return np.sqrt(block[LEAST, k])
+    return np.sqrt(block[MINIMUM, k])

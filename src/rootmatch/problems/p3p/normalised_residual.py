@@ -189,7 +189,7 @@ def squared_pair_residual(t, i, j, order):  # type: ignore[no-untyped-def]
     A, B, C = s[a, b], s[b, c], s[a, c]
     hab, hbc, hca = h[k, l], h[l, m], h[k, m]
     ratios = ratio_pairs(A, B, C, hab, hbc, hca)
-    least = UNINFORMATIVE * UNINFORMATIVE
+    minimum = UNINFORMATIVE * UNINFORMATIVE
     for root in range(4):
         x, y = ratios[2 * root], ratios[2 * root + 1]
         if x > 0.0 and y > 0.0:
@@ -199,8 +199,8 @@ def squared_pair_residual(t, i, j, order):  # type: ignore[no-untyped-def]
                 p, dp, p_ab, p_bc, p_ca, A, s[b, d], s[a, d], hab, hbc, hca, h[l, n], h[k, n], h[m, n],
                 v[k], v[l], v[m], v[n], z,
             )  # fmt: skip
-            least = min(least, r)
-    return least
+            minimum = min(minimum, r)
+    return minimum
 
 
 squared = edge_kernel_of_pairs(squared_pair_residual, 3)

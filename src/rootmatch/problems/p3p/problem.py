@@ -66,7 +66,7 @@ class P3P(Problem):
     to_tell: ClassVar[str] = "give normals, or a vertical (`UP2P`)"
     takes_normals: ClassVar[bool] = True
     takes_prior: ClassVar[bool] = True
-    least_for_pose: ClassVar[int] = 4
+    min_for_pose: ClassVar[int] = 4
 
     def __post_init__(self) -> None:
         check_camera(self.camera, rigs=True)

@@ -59,7 +59,7 @@ class PlanarMotion(TwoImageProblem):
     minimal: ClassVar[int] = 2
     degree: ClassVar[int] = 2
     constraints: ClassVar[int] = 1
-    least_for_pose: ClassVar[int] = 3
+    min_for_pose: ClassVar[int] = 3
 
     def __post_init__(self) -> None:
         if np.size(self.axis2) == 0:

@@ -48,8 +48,8 @@ def pack_matches(points: PointSets, assignments: Integers) -> PackedMatches:
     centre = points.source.mean(axis=0)
     unit = float(np.sqrt(((points.source - centre) ** 2).mean()))
     used = assignments >= 0
-    most = int(used.sum(axis=1).max(initial=0))
-    source = np.argsort(~used, axis=1, kind="stable")[:, :most]
+    maximum = int(used.sum(axis=1).max(initial=0))
+    source = np.argsort(~used, axis=1, kind="stable")[:, :maximum]
     target = np.maximum(np.take_along_axis(assignments, source, axis=1), 0)
     weight = np.where(np.take_along_axis(used, source, axis=1), 1.0 / points.target_noise[target], 0.0)
     places = (points.source[source] - centre) / unit

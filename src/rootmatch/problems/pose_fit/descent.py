@@ -20,7 +20,7 @@ SETTLED = 1e-13
 """Predicted relative decrease of χ² below which a fit has converged. Not tuned."""
 DELTA = 1e-5
 """Step of central differences, in radians and in the unit of the fit. Not tuned."""
-MOST_DAMPING = 1e12
+MAX_DAMPING = 1e12
 """Damping at which a fit that no step improves ends. Not tuned."""
 
 
@@ -76,7 +76,7 @@ def descend(model: Model, state: State, steps: int = STEPS) -> tuple[State, Floa
             settled = (-(slope * step).sum(axis=-1) <= SETTLED * chi2) & (damping <= 1e-3)
             chi2 = np.where(better, chi22, chi2)
             damping = np.where(better, np.maximum(0.1 * damping, 1e-12), 10.0 * np.maximum(damping, 1e-6))
-            done |= settled | (damping > MOST_DAMPING) | (chi2 == 0.0)
+            done |= settled | (damping > MAX_DAMPING) | (chi2 == 0.0)
     return state, chi2
 
 

@@ -122,8 +122,8 @@ def fit_with_covariances(
     residuals, jacobian = model.residuals(state), model.jacobian(state)
     normal = jacobian.swapaxes(1, 2) @ jacobian
     information = normal + _residual_curvature(model, state, residuals)
-    least = np.linalg.eigvalsh(information)[:, 0]
-    information = np.where((least > 0.0)[:, None, None], information, normal)
+    minimum = np.linalg.eigvalsh(information)[:, 0]
+    information = np.where((minimum > 0.0)[:, None, None], information, normal)
     diagonal = np.diagonal(model.white, axis1=2, axis2=3)
     log_white = np.log(np.where(diagonal > 0.0, diagonal, 1.0)).sum(axis=(1, 2))
     return state, (residuals**2).sum(axis=1), log_white, information

@@ -83,8 +83,8 @@ def check_covariance(value: ArrayLike, dimension: int) -> Floats:
     if np.any(np.abs(covariance - covariance.T) > ASYMMETRIC * np.maximum(unit, np.abs(covariance))):
         raise InputError("pose: the covariance is not symmetric; give cov(a, b) = cov(b, a)")
     covariance = 0.5 * (covariance + covariance.T)
-    least = float(np.linalg.eigvalsh(_standardised_covariance(covariance)[0])[0])
-    if np.any(np.diag(covariance) < 0.0) or least < -ASYMMETRIC:
+    minimum = float(np.linalg.eigvalsh(_standardised_covariance(covariance)[0])[0])
+    if np.any(np.diag(covariance) < 0.0) or minimum < -ASYMMETRIC:
         raise InputError("pose: the covariance has a negative eigenvalue; give a positive semidefinite one")
     return covariance
 

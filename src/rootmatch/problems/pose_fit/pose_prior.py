@@ -23,7 +23,7 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import check_numbers, check_rotation
 from rootmatch.problems.pose_fit.shared_errors import SharedPose
 
-LEAST_TILT = 1e-5
+MIN_TILT = 1e-5
 """Standard deviation, in radians, of a vertical that is called exact."""
 WIDEST = 1.0
 """Largest standard deviation of an angle, in radians: degrees were meant beyond. A round value. Of a rotation, that of
@@ -197,7 +197,7 @@ def update_with_vertical(prior: Pose, world: Floats, camera: Floats, noise: floa
     down = prior.R @ (world / np.linalg.norm(world))
     jacobian = np.concatenate([-cross_matrix(down), np.zeros((3, 3))], axis=1)
     off = camera / np.linalg.norm(camera) - down
-    return kalman_update(prior, jacobian, off, max(noise, LEAST_TILT) ** 2 * np.eye(3))
+    return kalman_update(prior, jacobian, off, max(noise, MIN_TILT) ** 2 * np.eye(3))
 
 
 def kalman_update(prior: Pose, jacobian: Floats, off: Floats, noise: Floats) -> Pose:

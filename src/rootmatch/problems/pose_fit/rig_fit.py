@@ -25,7 +25,7 @@ from rootmatch.problems.pose_fit.starts import select_best_apart, starting_poses
 
 STEPS = 20
 """Maximum number of steps of a descent from the pose of one camera; five are usual. Not tuned."""
-LEAST = 4
+MINIMUM = 4
 """Matches within one camera from which a fit can start: with three there are several poses."""
 
 
@@ -137,7 +137,7 @@ def _starts(image: RigImage, places: Floats, points: PointSets, assignment: Inte
     by_camera = assignment.reshape(-1, image.count)
     k = int((by_camera >= 0).sum(axis=1).argmax())
     (matched,) = np.nonzero(by_camera[k] >= 0)
-    if len(matched) < LEAST:
+    if len(matched) < MINIMUM:
         return np.empty((0, 3, 3)), np.empty((0, 3))
     camera, detections = image.rig.cameras[k], by_camera[k, matched]
     own, pixels = places[None, matched], points.target[None, detections] - image.offsets[k]

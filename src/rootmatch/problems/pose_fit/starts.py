@@ -109,8 +109,8 @@ def _translations(grid: Floats, points: Floats, rays: Floats, weight: Floats) ->
     middle = (rays * used[..., None]).sum(axis=1)
     middle = middle / np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
     depth = np.einsum("ksni,ki->ksn", turned + translation[:, :, None], middle)
-    least = np.where(used[:, None], depth, np.inf).min(axis=2)
-    lift = np.maximum(BEFORE - least, 0.0)
+    minimum = np.where(used[:, None], depth, np.inf).min(axis=2)
+    lift = np.maximum(BEFORE - minimum, 0.0)
     return np.asarray(translation + lift[..., None] * middle[:, None])
 
 

@@ -182,8 +182,10 @@ def _starts(model: _TwoViewModel) -> State:
     rows = np.cross(turned[None], views.second[k][:, None]) * used[:, None, :, None]
     if model.planar:
         rows = rows[..., [0, 2]]
-    least = np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0]
-    translation = np.stack([least[..., 0], 0.0 * least[..., 0], least[..., 1]], axis=-1) if model.planar else least
+    minimum = np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0]
+    translation = (
+        np.stack([minimum[..., 0], 0.0 * minimum[..., 0], minimum[..., 1]], axis=-1) if model.planar else minimum
+    )
     deviation, _ = views.deviations(cross_matrix(translation) @ rotation, np.arange(k.shape[1]), k[:, None])
     total = np.where(used[:, None], np.log1p(deviation**2 / DOUBTED), 0.0).sum(axis=-1)
     valley = (total <= np.roll(total, 1, axis=1)) & (total <= np.roll(total, -1, axis=1))

@@ -65,16 +65,23 @@ class ZoomFits(NamedTuple):
 
 
 def zoom_fits(
-    points: PointSets, centre: Floats, upright: Upright, assignments: Integers, steps: int, *, usual: float, most: int
+    points: PointSets,
+    centre: Floats,
+    upright: Upright,
+    assignments: Integers,
+    steps: int,
+    *,
+    usual: float,
+    maximum: int,
 ) -> ZoomFits:
-    """The ``most`` lowest fits of each assignment after some steps from each of `STARTS`; several may be of one valley.
+    """The ``maximum`` lowest fits of each assignment after some steps from each of `STARTS`; several may share one.
 
     Parameters as of `zoom_poses`. Without steps: of a grid of rotations, with what then follows from linear equations.
     """
     model, _, unit = _make_model(points, centre, upright, assignments, usual)
     fits = descend(model.repeated(STARTS), _best_starts(model, upright), steps)
-    (rotation, place, log), chi2 = select_lowest(*fits, len(assignments), most)
-    shape = len(assignments), most
+    (rotation, place, log), chi2 = select_lowest(*fits, len(assignments), maximum)
+    shape = len(assignments), maximum
     return ZoomFits(
         rotation.reshape(*shape, 3, 3), unit * place.reshape(*shape, 3), log.reshape(shape), chi2.reshape(shape)
     )

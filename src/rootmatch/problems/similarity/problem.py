@@ -70,7 +70,7 @@ class Similarity(Problem):
     degree: ClassVar[int] = 1
     constraints: ClassVar[int] = 2
     to_check: ClassVar[str] = "the units of both sets"
-    least_for_pose: ClassVar[int] = 3
+    min_for_pose: ClassVar[int] = 3
     noisy_source: ClassVar[bool] = True
     takes_motion_prior: ClassVar[bool] = True
     predicted_rows: ClassVar[int] = 7

@@ -255,13 +255,13 @@ def residual(tables, i, j, order):  # type: ignore[no-untyped-def]
     angles, h, sign = roots(quartic(a, k, b, l, c, m))
     da, db, dc = dq[i0], dq[i1], dq[i2]
     dk, dl, dm = dp[j0], dp[j1], dp[j2]
-    least = UNINFORMATIVE * UNINFORMATIVE
+    minimum = UNINFORMATIVE * UNINFORMATIVE
     for index in range(4):
         front, back, t, state = root_state(angles[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
         if front or back:
             line = prediction(t, state, column(q, i3), dq[i3], tables.tilt_variance[0])
-            least = min(least, squared_residual(front, back, line, column(p, j3), dp[j3]))
-    return least
+            minimum = min(minimum, squared_residual(front, back, line, column(p, j3), dp[j3]))
+    return minimum
 
 
 edge = root_kernel(edge_kernel_of_pairs(residual, 3))

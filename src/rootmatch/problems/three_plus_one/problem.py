@@ -67,7 +67,7 @@ class ThreePlusOne(TwoImageProblem):
     minimal: ClassVar[int] = 3
     degree: ClassVar[int] = 4
     constraints: ClassVar[int] = 1
-    least_for_pose: ClassVar[int] = 4
+    min_for_pose: ClassVar[int] = 4
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -76,7 +76,7 @@ class UP2P(Problem):
     paper_rho: ClassVar[float] = 1e-2
     takes_normals: ClassVar[bool] = True
     takes_prior: ClassVar[bool] = True
-    least_for_pose: ClassVar[int] = 3
+    min_for_pose: ClassVar[int] = 3
 
     def __post_init__(self) -> None:
         check_camera(self.camera, rigs=True)

@@ -10,7 +10,7 @@ USUAL_FOCAL, ZOOM = 1.2, 1.0
 """Focal length over the width of the image that half of all cameras exceed: 45° across. And standard deviation of its
 logarithm: 95 % are between 7° and 143° across, which covers what lenses have. Round values; a deviation of 2 in the
 place of 1 lowers log-odds by .7 at most."""
-MOST_LOG = 3.0
+MAX_LOG = 3.0
 """Largest logarithm of a focal length over the usual one: beyond 2° across an image tells no focal length."""
 REACH, STEP = 2.25, 0.15
 """Logarithm of the focal lengths over the usual one up to which poses are searched, which is so for 98 % of cameras,

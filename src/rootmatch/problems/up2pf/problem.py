@@ -69,7 +69,7 @@ class UP2PF(Problem):
     degree: ClassVar[int] = 4
     constraints: ClassVar[int] = 3
     source_dimension: ClassVar[int] = 3
-    least_for_pose: ClassVar[int] = 4
+    min_for_pose: ClassVar[int] = 4
     to_check: ClassVar[str] = "the units, the centre and both verticals"
     to_tell: ClassVar[str] = "use `UP2P` if the focal length is known"
 

@@ -110,7 +110,7 @@ def _changed_options(options: Any) -> dict[str, Any]:
 
 def _list_views(match: Match, source_names: Sequence[str], target_names: Sequence[str]) -> list[dict[str, Any]]:
     """The best assignment, its other poses, and the most probable alternatives."""
-    fits = match.problem.least_for_pose > 0
+    fits = match.problem.min_for_pose > 0
     views = [_view_record(match, match.assignment, match.poses if fits else [], "best", probability=match.probability)]
     for rank, (pose, likely) in enumerate(match.other_poses, start=1):
         shown, title = "Differs only in its pose", f"other pose {rank}"

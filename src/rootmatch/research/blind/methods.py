@@ -161,12 +161,12 @@ def _starts(scene: BlindScene) -> Iterator[tuple[Floats, Floats]]:
 
 def _best(scene: BlindScene, poses: Iterator[tuple[Floats, Floats]], seconds: float) -> Answer:
     """The pose with the most support, of those that come in time."""
-    ends, best, most = time.process_time() + seconds, None, 0
+    ends, best, maximum = time.process_time() + seconds, None, 0
     for R, t in poses:
         support = len(_mutual_nearest_pairs(scene, R, t, GATE * scene.noise)[0])
-        if support > most:
-            best, most = (R, t), support
-        if time.process_time() > ends or most >= ENOUGH * min(len(scene.source), len(scene.target)):
+        if support > maximum:
+            best, maximum = (R, t), support
+        if time.process_time() > ends or maximum >= ENOUGH * min(len(scene.source), len(scene.target)):
             break
     return Answer(best, best is not None)
 

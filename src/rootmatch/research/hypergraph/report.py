@@ -90,8 +90,8 @@ def results_markdown(results: Results) -> str:
             means = {solver: results.estimate(setting, solver).mean for solver in results.solvers}
             others = {solver: published.get(name) for solver, name in METHODS.items()}
             cells = [f"{mean:.3f}" + (f" ({others[s]:.2f})" if others.get(s) else "") for s, mean in means.items()]
-            most = f"{max(published.values()):.2f}" if published else ""
-            rows.append([f"{level(setting):g}", *cells, f"{max(means.values()):.3f}", most])
+            maximum = f"{max(published.values()):.2f}" if published else ""
+            rows.append([f"{level(setting):g}", *cells, f"{max(means.values()):.3f}", maximum])
         lines += [f"### {title[0].upper()}{title[1:]}", ""]
         lines += markdown_table([sign, *results.solvers, "best here", "best published"], rows)
     times = []

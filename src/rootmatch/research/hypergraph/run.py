@@ -27,7 +27,7 @@ from rootmatch.solvers import (
 )
 
 STORE_NAME = "hypergraph-solvers.sqlite"
-MOST_INSTANCES = 1_000_000
+MAX_INSTANCES = 1_000_000
 TIMED_NOISE, TIMED_INSTANCES, TIMED_REPEATS = 0.2, 5, 5
 
 SOLVERS: dict[str, Solver] = {
@@ -119,9 +119,9 @@ def reproduce(
     InputError
         For counts out of range, a store that cannot be used or a scheduler that does not answer.
     """
-    if instances < 1 or seed < 0 or seed + instances > MOST_INSTANCES:
+    if instances < 1 or seed < 0 or seed + instances > MAX_INSTANCES:
         raise InputError(
-            f"{instances} instances from seed {seed}: give at least one, with seeds from 0 to {MOST_INSTANCES - 1:,}"
+            f"{instances} instances from seed {seed}: give at least one, with seeds from 0 to {MAX_INSTANCES - 1:,}"
         )
     check_jobs(jobs)
     seeds = range(seed, seed + instances)

@@ -105,7 +105,7 @@ def _origin(table: Table, versions: list[str], seconds: float) -> list[str]:
         f"Generated from {count_text(len(table.seeds), 'instance')} (seeds {table.seeds.start} to "
         f"{table.seeds.stop - 1}) of {problems}; {minutes} of processor time.",
         "Accuracy is the mean over instances of correct matches / 10; the 95 % bootstrap interval is in brackets. "
-        f"Unless a sample size is named, it is {effort.most:,} hyper-edges.",
+        f"Unless a sample size is named, it is {effort.maximum:,} hyper-edges.",
         "",
     ]
     if effort.quick:

@@ -129,7 +129,7 @@ def judge_few_samples(table: Table, rule: Rule) -> list[Case]:
     """Noise-free P3P is full from few samples on."""
     setting, sizes = Setting("p3p"), table.effort.samples
     means = {size: float(table.paper(setting, rule=rule, samples=size).mean()) for size in sizes}
-    shown = sorted({1000, 10_000, FEW, table.effort.most})
+    shown = sorted({1000, 10_000, FEW, table.effort.maximum})
     figures = ", ".join(f"{_percent(means[size])} at {size:,}" for size in shown)
     return [Case("σ = 0", all(means[size] >= FULL for size in sizes if size >= FEW), figures)]
 

@@ -46,7 +46,7 @@ def make_plan(problems: tuple[str, ...], rhos: Rhos) -> Plan:
     tensors of the sparse one, its ρ included, so that nothing differs but the normalisation.
     """
     plan: Plan = {}
-    effort, end = rhos.effort, (rhos.effort.most,)
+    effort, end = rhos.effort, (rhos.effort.maximum,)
     # up2p, the cheapest, first: what all share is then compiled and kept on disk by the time that the others need it.
     for problem in reversed(problems):
         for setting in problem_settings(problem):
@@ -113,8 +113,8 @@ class Table:
         residual: str = "qr",
     ) -> Floats:
         """Accuracies (instances,) of the variant's method, at the largest sample unless another is given."""
-        return self.cells[setting, self.method(setting.problem, solver, rule, residual), samples or self.effort.most]
+        return self.cells[setting, self.method(setting.problem, solver, rule, residual), samples or self.effort.maximum]
 
     def default(self, setting: Setting) -> Floats:
         """Accuracies (instances,) of the default pipeline at the largest sample."""
-        return self.cells[setting, DEFAULT_PIPELINE, self.effort.most]
+        return self.cells[setting, DEFAULT_PIPELINE, self.effort.maximum]

@@ -42,7 +42,7 @@ class Effort:
         return tuple(size for size in SAMPLES if size <= 100_000) if self.quick else SAMPLES
 
     @property
-    def most(self) -> int:
+    def maximum(self) -> int:
         """The largest sample, at which most claims are judged."""
         return max(self.samples)
 

@@ -32,7 +32,7 @@ BLOCK = 1 << 14
 """Draws evaluated at once. The compiler may round the last few of a block otherwise than the rest, so blocks always
 begin at the same draws and are always whole: a residual then does not depend on how many are asked for."""
 
-MOST_SWEPT = 8_000_000
+MAX_SWEPT = 8_000_000
 """Hyper-edges up to which all are evaluated for the default pipeline: neighbours share the roots of a minimal set, so
 that takes less time than a million in the order of the stream."""
 
@@ -130,12 +130,12 @@ def nested_tensors(
     that are compared, so the lesser residual counts, as in `AffinityTensor.merged`. Weights below 10⁻¹² are left out
     (`Affinity.gate`).
     """
-    least = np.full(len(indices), np.inf)
+    minimum = np.full(len(indices), np.inf)
     start = 0
     for size in sorted(sizes):
-        np.fmin.at(least, stream.group[start:size], residual[start:size])
+        np.fmin.at(minimum, stream.group[start:size], residual[start:size])
         start = size
-        known = least[: stream.seen[size - 1]]
+        known = minimum[: stream.seen[size - 1]]
         keep = np.flatnonzero(known <= weigh.gate)
         yield size, AffinityTensor.unchecked(indices[keep], weigh.weights(known[keep]), shape)
 
@@ -172,8 +172,8 @@ def _residuals_in_one_order(
     """Residuals (G,) of the stream's different hyper-edges, source points increasing; infinite above the gate."""
     count, order = stream.indices.shape
     residual = np.full(-(-count // BLOCK) * BLOCK, np.inf)
-    if exhaustive_count(*shape, order) <= MOST_SWEPT:
-        rows, found, _ = exhaustive_residuals(tables, kernel, gate, shape, order, max_hyperedges=MOST_SWEPT)
+    if exhaustive_count(*shape, order) <= MAX_SWEPT:
+        rows, found, _ = exhaustive_residuals(tables, kernel, gate, shape, order, max_hyperedges=MAX_SWEPT)
         group = stream.find_groups(rows)
         residual[group[group >= 0]] = found[group >= 0]
         return residual

@@ -21,12 +21,12 @@ START_UP = 120.0
 """Seconds that the first reply may take at least: compiling included."""
 MOST_SECONDS = 1e6
 
-MOST_OF_ERROR = 200
+MAX_OF_ERROR = 200
 """Characters of a method's own words that are kept."""
 LARGEST_SECONDS = 1e9
 FULL = 0.9
 """Share of the visible points that a full match finds, with none wrong."""
-LEAST_OF_INSTANCE = 12
+MIN_OF_INSTANCE = 12
 """Right pairs of an instance from which it is found: four times what a pose takes."""
 
 
@@ -99,7 +99,7 @@ def judge_reply(scene: RealScene, reply: dict[str, Any]) -> dict[str, Any]:
     """Figures of a reply, as JSON can hold them."""
     error = None
     if reply.get("error") is not None:
-        error = str(reply["error"])[:MOST_OF_ERROR] or "an error without words"
+        error = str(reply["error"])[:MAX_OF_ERROR] or "an error without words"
     seconds = _seconds(reply.get("seconds", reply["wall"]))
     if error is None and seconds is None:
         error = f"seconds: {quote_value(reply['seconds'])}, which is no time"
@@ -152,6 +152,6 @@ def _counts(scene: RealScene, found: Any) -> tuple[int, int, int]:
     pairs = np.array(scene.request["candidates"])
     chosen = found[pairs[:, 0]] == pairs[:, 1]
     instances = scene.instances or []
-    seen = sum(int((chosen & instance).sum()) >= LEAST_OF_INSTANCE for instance in instances)
+    seen = sum(int((chosen & instance).sum()) >= MIN_OF_INSTANCE for instance in instances)
     stray = int((chosen & ~np.any(instances, axis=0)).sum())
     return seen, int(stray > (1.0 - FULL) * chosen.sum()), len(instances)

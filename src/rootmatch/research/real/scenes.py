@@ -22,7 +22,7 @@ DAMAGED = (OSError, ValueError, EOFError, RuntimeError, LookupError, MemoryError
 """What NumPy and the modules below it raise for a file that is no .npz, or not whole."""
 VERTICAL_NOISE = 0.005
 """Radians on each of two axes: measured verticals of the façade are 0.3 to 0.5 degrees off."""
-LEAST_VISIBLE = 15
+MIN_VISIBLE = 15
 """Targets visible in a view of `targets`."""
 NEAR_INSTANCE = 10.0
 """Pixels within which a proposed pair belongs to an instance of the object."""
@@ -188,7 +188,7 @@ def boards(data: Data, number: int) -> RealScene:
 def targets(data: Data, number: int) -> RealScene | None:
     """All targets against those visible in a view, as raw pixels; twenty views evenly among those with enough."""
     image = data["points2d"]
-    enough = np.flatnonzero(np.isfinite(image).all(axis=2).sum(axis=1) >= LEAST_VISIBLE)
+    enough = np.flatnonzero(np.isfinite(image).all(axis=2).sum(axis=1) >= MIN_VISIBLE)
     views = enough[np.unique(np.linspace(0, len(enough) - 1, 20).astype(int))]
     if number >= len(views):
         return None

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rootmatch.algebra.sylvester import sylvester_matrix
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Residual, affinity
 from rootmatch.research.speed.scenes import scene_and_tables
-from rootmatch.research.speed.timing import least_seconds
+from rootmatch.research.speed.timing import min_seconds
 from rootmatch.samplers.exhaustive import exhaustive_tensor
 
 NARROW = 0.3
@@ -52,7 +52,7 @@ def rates(problem: str, kinds: Sequence[str], points: int, outliers: int, batch:
         )
 
     works: list[Callable[[], object]] = [lambda: np.linalg.qr(matrices, mode="r"), *(partial(sweep, k) for k in kinds)]
-    reference, *spent = least_seconds(works, repeats)
+    reference, *spent = min_seconds(works, repeats)
     return [
         Rate(evaluated[kind], evaluated[kind] / each, batch / reference)
         for kind, each in zip(kinds, spent, strict=True)

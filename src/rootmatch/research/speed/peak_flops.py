@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import run_in_threads
-from rootmatch.research.speed.timing import least_seconds
+from rootmatch.research.speed.timing import min_seconds
 
 CHAIN = 16
 """Consecutive multiply-adds on each number between its load and its store."""
@@ -40,5 +40,5 @@ def peak(rounds: int, repeats: int) -> float:
         for line in numbers[first:last]:
             _fused(line, 0.999, 0.001, rounds)
 
-    (spent,) = least_seconds([lambda: run_in_threads(work, threads, threads)], repeats)
+    (spent,) = min_seconds([lambda: run_in_threads(work, threads, threads)], repeats)
     return 2.0 * CHAIN * numbers.size * rounds / spent

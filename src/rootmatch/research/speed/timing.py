@@ -13,7 +13,7 @@ def seconds(work: Callable[[], object], repeats: int) -> float:
     return float(np.median(timeit.repeat(work, number=1, repeat=repeats + 1)[1:]))
 
 
-def least_seconds(works: Sequence[Callable[[], object]], repeats: int) -> list[float]:
+def min_seconds(works: Sequence[Callable[[], object]], repeats: int) -> list[float]:
     """Shortest time of each call in seconds, measured alternately, after a warm-up round.
 
     Alternately, so that a temporary slowdown of the machine affects all of them; the shortest, because disturbances

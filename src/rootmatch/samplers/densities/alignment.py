@@ -42,7 +42,7 @@ LEVELS = (
 """All 72 scenes of `rootmatch benchmark blind`, *surface*, seeds 1000-1011, are right with these; not tuned further."""
 ROTATIONS = 4600
 """Rotations of the grid, some 15 degrees apart."""
-LEAST_POSES, POSES_CELLS = 8, 20_000_000
+MIN_POSES, POSES_CELLS = 8, 20_000_000
 """Poses that climb on every level at least, and those that do at most, times the cells of the image: a second or two. A
 body that is 230 times as large as the noise has three million cells, and 60 poses of it took 15 s. Round values."""
 FALSE = 0.05
@@ -148,8 +148,8 @@ def _climb_level(
     deviation = math.sqrt(CELLS**2 - 1.0 / 3.0)  # to share points among cells is a blur itself, as are they
     reach = math.ceil(3.0 * deviation)
     taps = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
-    most = max(POSES_CELLS // image.size, LEAST_POSES)
-    rotation, position = starts.rotation[:most].copy(), starts.position[:most].copy()
+    maximum = max(POSES_CELLS // image.size, MIN_POSES)
+    rotation, position = starts.rotation[:maximum].copy(), starts.position[:maximum].copy()
     likelihood = np.empty(len(rotation))
 
     def climb(first: int, last: int) -> None:
@@ -178,13 +178,13 @@ def histogram(detections: Floats, origin: Floats, cell: float, shape: tuple[int,
     return image
 
 
-def _distinct_poses(found: Aligned, most: int, angle: float) -> Aligned:
+def _distinct_poses(found: Aligned, maximum: int, angle: float) -> Aligned:
     """The first poses whose rotations differ by more than an angle in radians; the rest are met again anyway."""
     kept: list[int] = []
     nearest = 1.0 + 2.0 * math.cos(angle)  # trace of their relative rotation
     flat = found.rotation.reshape(-1, 9)
     for k in range(len(flat)):
-        if len(kept) == most:
+        if len(kept) == maximum:
             break
         if not kept or float((flat[kept] @ flat[k]).max()) <= nearest:
             kept.append(k)

@@ -86,10 +86,10 @@ def _gather_normal_equations(ratio, seen, place, t, cell, variance, normal, righ
 
 
 @part
-def _move_pose(R, t, step, most):  # type: ignore[no-untyped-def]
-    """Apply a step to a pose in place: at most ``most`` radians, and that share of the depth."""
+def _move_pose(R, t, step, maximum):  # type: ignore[no-untyped-def]
+    """Apply a step to a pose in place: at most ``maximum`` radians, and that share of the depth."""
     angle = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
-    turn = min(angle, most)
+    turn = min(angle, maximum)
     sine = np.sin(0.5 * turn) / max(angle, 1e-300)
     w, x, y, z = np.cos(0.5 * turn), step[0] * sine, step[1] * sine, step[2] * sine
     rows = (
@@ -103,7 +103,7 @@ def _move_pose(R, t, step, most):  # type: ignore[no-untyped-def]
             R[a, b] = rows[a][0] * first + rows[a][1] * second + rows[a][2] * third
     t[0] += step[3]
     t[1] += step[4]
-    t[2] += min(max(step[5], -most * t[2]), most * t[2])
+    t[2] += min(max(step[5], -maximum * t[2]), maximum * t[2])
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")

@@ -23,10 +23,10 @@ REMEMBERED = 4_000
 APART = 16
 """Batches whose hypotheses are kept apart until they are joined and the weakest forgotten."""
 
-LEAST_KEPT, SURPLUS = 8, 2.0
+MIN_KEPT, SURPLUS = 8, 2.0
 """Survivors of the sequential test that a chunk keeps at the least, and so many times its equal share of those that are
 verified: some chunks have more of the best."""
-LEAST_VERIFIED, LEAST_VERIFIED_OF_MANY = 32, 1_024
+MIN_VERIFIED, MIN_VERIFIED_OF_MANY = 32, 1_024
 """Survivors of a batch that are verified, at least, for one motion and for several, whose few points hardly stand out
 before."""
 SETS_PER_VERIFIED, SETS_PER_VERIFIED_OF_MANY = 500, 20
@@ -43,17 +43,17 @@ def next_batch(batch: int, solved: int | None = None) -> int:
 def verification_count(solved: int, single: bool) -> int:
     """Survivors to verify of a batch of ``solved`` minimal sets."""
     if not single:
-        return max(LEAST_VERIFIED_OF_MANY, solved // SETS_PER_VERIFIED_OF_MANY)
+        return max(MIN_VERIFIED_OF_MANY, solved // SETS_PER_VERIFIED_OF_MANY)
     # of a batch smaller than the first one of other searches, as many in proportion
-    least = min(LEAST_VERIFIED, solved * LEAST_VERIFIED // FIRST + 1)
-    return max(least, solved // SETS_PER_VERIFIED)
+    minimum = min(MIN_VERIFIED, solved * MIN_VERIFIED // FIRST + 1)
+    return max(minimum, solved // SETS_PER_VERIFIED)
 
 
 def listed_verification_count(tried: int) -> int:
     """Survivors to verify of so many image triples that were listed."""
-    return max(LEAST_VERIFIED, tried // SETS_PER_VERIFIED_OF_SHAPE)
+    return max(MIN_VERIFIED, tried // SETS_PER_VERIFIED_OF_SHAPE)
 
 
 def survivors_per_chunk(verified: int) -> int:
     """Survivors that a chunk keeps of a batch of which so many are verified."""
-    return max(LEAST_KEPT, int(verified * SURPLUS / CHUNKS))
+    return max(MIN_KEPT, int(verified * SURPLUS / CHUNKS))

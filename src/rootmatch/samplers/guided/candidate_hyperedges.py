@@ -170,20 +170,20 @@ def _draw_subsets(
     Where there are more than ``options.subsets``, a random selection among the points of the clusters that are beyond
     chance (of the best cluster when none is).
     """
-    most = options.subsets
-    if math.comb(n, order) <= most:
+    maximum = options.subsets
+    if math.comb(n, order) <= maximum:
         return every_subset(n, order), 1.0
     beyond_chance = max(1, int((clusters.evidence > clusters.false_alarm_level).sum()))
     points = np.flatnonzero((clusters.lists[:beyond_chance, :, 0] >= 0).any(axis=0))
     every = math.comb(len(points), order)
-    if every <= most:
+    if every <= maximum:
         return points[every_subset(len(points), order)], 1.0
-    drawn = distinct_sets(rng, int(SURPLUS * most), len(points), order)
+    drawn = distinct_sets(rng, int(SURPLUS * maximum), len(points), order)
     # each once, by number: a row is a number to the base of how many points there are
     places = len(points) ** np.arange(order - 1, -1, -1)
     if every < 2**62:
         drawn = drawn[np.unique(drawn @ places, return_index=True)[1]]
     else:
         drawn = np.unique(drawn, axis=0)
-    drawn = drawn[np.sort(rng.permutation(len(drawn))[:most])]
+    drawn = drawn[np.sort(rng.permutation(len(drawn))[:maximum])]
     return points[drawn], len(drawn) / every

@@ -15,7 +15,7 @@ CROWDING = 1.5
 Detections crowd about the visible object, and predictions fall there too: chance hits one more often than the mean
 density says. On the safe side: it lowers the evidence of a hit.
 """
-LEAST_COSINE = 0.05
+MIN_COSINE = 0.05
 """Cosine to the mean bearing below which a detection is off the plane on which a uniform density is measured: 87°."""
 
 
@@ -46,7 +46,7 @@ def uniform_density(rays: Floats) -> Floats:
     ``rays``: (3, n') unit rays.
     """
     rotated = Stereographic.about(rays.T).basis @ rays
-    ahead = rotated[2] > LEAST_COSINE
+    ahead = rotated[2] > MIN_COSINE
     positions, count = rotated[:2, ahead] / rotated[2, ahead], int(ahead.sum())
     # the bounding box of uniform points, corrected for being too small
     area = float(np.prod(np.ptp(positions, axis=1))) * ((count + 1) / max(count - 1, 1)) ** 2 if count > 1 else 1.0

@@ -22,7 +22,7 @@ NOBODY = -1
 """Entry of an empty cell."""
 HALF_DIAGONAL = 0.71
 """Half the diagonal of a cell of side 1, rounded up."""
-LEAST_EXTENT = 1e-9
+MIN_EXTENT = 1e-9
 """Extent of the detections, in radians, that is taken for a single one."""
 
 
@@ -33,9 +33,9 @@ NOISE_RATIO = 2.0
 """The gate of all detections has the usual σ, or the largest over this if that is more."""
 CELLS_PER_GATE = 4.0
 """Cells from the centre of a gate to its rim; the distance to the detection found is exact anyway."""
-MOST_CELLS = 512
+MAX_CELLS = 512
 """Cells along the longer side; a gate far smaller than the image gets fewer cells. Bounds the memory."""
-LEAST_COSINE = 0.5
+MIN_COSINE = 0.5
 """Cosine to the mean bearing down to which all detections lie on one plane: 60°, where a gate on it is four times as
 wide as at its centre. Below, the grid is one of the whole sphere."""
 NEIGHBOURS = 3
@@ -46,7 +46,7 @@ goes on. On seeds 300 to 311 of benchmarks/matches.py five and a half σ instead
 139 ms and up2p 100 + 100 from 54 to 40, with as many evaluations and the same accuracy."""
 NARROWEST = 0.6
 """Fraction of the gate down to which it is narrowed."""
-LEAST_GATE = 1e-4
+MIN_GATE = 1e-4
 """Gate over the extent of the detections below which it is rounding, not noise."""
 
 
@@ -94,12 +94,12 @@ def build_grid(rays: Floats, gate: float) -> DetectionGrid:
     """
     basis = Stereographic.about(rays.T).basis
     rotated = basis @ rays
-    whole = not float(rotated[2].min()) > LEAST_COSINE
+    whole = not float(rotated[2].min()) > MIN_COSINE
     positions = _equal_area(rotated) if whole else rotated[:2] / rotated[2]
     low, high = positions.min(axis=1), positions.max(axis=1)
-    extent = max(float((high - low).max()), LEAST_EXTENT)
-    gate = max(gate, LEAST_GATE * extent)
-    size = max(gate / CELLS_PER_GATE, (extent + 2.0 * gate) / MOST_CELLS)
+    extent = max(float((high - low).max()), MIN_EXTENT)
+    gate = max(gate, MIN_GATE * extent)
+    size = max(gate / CELLS_PER_GATE, (extent + 2.0 * gate) / MAX_CELLS)
     # an angle is this much longer on the map than in space, and a length on the map in space, at the most
     stretch = np.sqrt(2.0 / np.maximum(1.0 + rotated[2], STRAIGHT)) if whole else np.ones(rays.shape[1])
     # a cell's centre is within the gate and half a diagonal of whatever lies within the gate of any of its points

@@ -88,8 +88,8 @@ class Together:
         self.first = first = copy(searches[0])
         every = [batch for search in searches for batch in search.hypotheses]
         evidence = sorted((value for batch in every for value in batch.evidence.tolist()), reverse=True)
-        least = evidence[:JOINED][-1] if evidence else 0.0
-        first.hypotheses = [batch.take(batch.evidence >= least) for batch in every]
+        minimum = evidence[:JOINED][-1] if evidence else 0.0
+        first.hypotheses = [batch.take(batch.evidence >= minimum) for batch in every]
         first.tested = sum(search.tested for search in searches)
         first._cluster_hypotheses()
         (joined,) = first.hypotheses

@@ -52,12 +52,12 @@ class Hypotheses(NamedTuple):
         there = self.evidence > -np.inf
         return [self if there.all() else self.take(there)] if there.any() else []
 
-    def assignments(self, which: Bools, most: int) -> Integers:
-        """Assignments (A, n) of a subset, each once, in the order in which they come, ``most`` of them or fewer."""
+    def assignments(self, which: Bools, maximum: int) -> Integers:
+        """Assignments (A, n) of a subset, each once, in the order in which they come, ``maximum`` of them or fewer."""
         first: dict[bytes, int] = {}
         for number in which.nonzero()[0].tolist():
             first.setdefault(self.best[number].tobytes(), number)
-        return np.ascontiguousarray(self.best[list(first.values())[:most]])
+        return np.ascontiguousarray(self.best[list(first.values())[:maximum]])
 
     def differs_from_first(self) -> Bools:
         """Which (K,) have less than `SHARED` of their matches in common with the first one: other poses."""
@@ -68,9 +68,9 @@ class Hypotheses(NamedTuple):
         """Which (K,) have no detection of the first one."""
         return np.asarray(~np.isin(self.best, self.best[:1][self.best[:1] >= 0]).any(axis=1))
 
-    def strongest(self, most: int) -> Hypotheses:
-        """The ``most`` hypotheses of highest evidence, or fewer, strongest first."""
-        return self.take(np.argsort(-self.evidence, kind="stable")[:most])
+    def strongest(self, maximum: int) -> Hypotheses:
+        """The ``maximum`` hypotheses of highest evidence, or fewer, strongest first."""
+        return self.take(np.argsort(-self.evidence, kind="stable")[:maximum])
 
 
 class HypothesisClusters(NamedTuple):

@@ -21,7 +21,7 @@ CANDIDATES = 6
 """Detections that a cluster keeps for one source point."""
 
 
-def cluster(evidence: Floats, best: Integers, candidates: Integers, most: int) -> tuple[Integers, Integers]:
+def cluster(evidence: Floats, best: Integers, candidates: Integers, maximum: int) -> tuple[Integers, Integers]:
     """Cluster the hypotheses that share correspondences with a stronger one, the leader of the cluster.
 
     Parameters
@@ -40,16 +40,16 @@ def cluster(evidence: Floats, best: Integers, candidates: Integers, most: int) -
     lists : (G, n, c) int64 array
         Candidates of each cluster: those of its leader, then of the others; −1 for none.
     """
-    most = min(most, len(best))
-    leaders, size = np.empty(most, np.int64), np.empty(len(best), np.int64)
+    maximum = min(maximum, len(best))
+    leaders, size = np.empty(maximum, np.int64), np.empty(len(best), np.int64)
     matched = np.empty(best.shape[1], np.int64)
-    lists = np.empty((most, best.shape[1], CANDIDATES), np.int64)
+    lists = np.empty((maximum, best.shape[1], CANDIDATES), np.int64)
     made = _cluster(evidence, best, candidates, SHARED, WEAK, size, matched, leaders, lists)
     return leaders[:made], lists[:made]
 
 
 @driver(nogil=True)
-def _cluster(evidence, best, candidates, least_shared, weak, size, matched, leaders, lists):  # type: ignore[no-untyped-def]
+def _cluster(evidence, best, candidates, min_shared, weak, size, matched, leaders, lists):  # type: ignore[no-untyped-def]
     """Fill in leaders and lists; how many there are. ``size`` (K,) and ``matched`` (n,) are scratch."""
     n, places = best.shape[1], lists.shape[2]
     made = 0
@@ -66,7 +66,7 @@ def _cluster(evidence, best, candidates, least_shared, weak, size, matched, lead
             for place in range(count):
                 shared += best[q, matched[place]] == best[leader, matched[place]]
             fewer = count if count < size[leader] else size[leader]
-            if shared >= least_shared * fewer:
+            if shared >= min_shared * fewer:
                 home = g
                 break
         if home < 0:

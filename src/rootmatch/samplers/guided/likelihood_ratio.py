@@ -104,7 +104,7 @@ def keep_likeliest(  # type: ignore[no-untyped-def]
             grid, test, others_of[s], coordinates_of[s], masked, allowed, frame, stamp, tick
         )  # fmt: skip
         looked += own
-        if ratio > ratios[weakest] and hits + m >= test.least:
+        if ratio > ratios[weakest] and hits + m >= test.minimum:
             ratios[weakest] = ratio
             survivors[weakest, 0], survivors[weakest, 1] = s, picked[q, 1]
             for p in range(m):

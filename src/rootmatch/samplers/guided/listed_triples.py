@@ -58,8 +58,8 @@ class Ring(NamedTuple):
     @property
     def cost(self) -> int:
         """Image triples of each set."""
-        most, least = self.near.shape[1], self.inner
-        return int(len(self.images) * (most * (most - 1) - least * (least - 1)))
+        maximum, minimum = self.near.shape[1], self.inner
+        return int(len(self.images) * (maximum * (maximum - 1) - minimum * (minimum - 1)))
 
 
 def make_rings(images: Integers, positions: Floats, sizes: Sequence[int]) -> list[Ring]:
@@ -68,7 +68,7 @@ def make_rings(images: Integers, positions: Floats, sizes: Sequence[int]) -> lis
     distance2 = ((place[:, :, None] - place[:, None]) ** 2).sum(axis=0)
     np.fill_diagonal(distance2, -1.0)
     near = images[distance2.argsort(axis=1, kind="stable")[:, 1:]]
-    return [Ring(images, near[:, :most].copy(), least) for least, most in pairwise([0, *sizes])]
+    return [Ring(images, near[:, :maximum].copy(), minimum) for minimum, maximum in pairwise([0, *sizes])]
 
 
 def run_listed_tests(
@@ -204,7 +204,7 @@ def _test_block(  # type: ignore[no-untyped-def]
                 grid, test, others, coordinates, masked, allowed, frame, stamp, tick
             )
             counts[2] += own_lookups if lookups == 0 else 0
-            if ratio > ratios[weakest] and hits + 3 >= test.least:
+            if ratio > ratios[weakest] and hits + 3 >= test.minimum:
                 place = s, root, picked[0, k], picked[1, k], picked[2, k]
                 weakest = keep_survivor(survivors, ratios, weakest, ratio, place)
     return tick

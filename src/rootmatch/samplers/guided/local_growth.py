@@ -78,7 +78,7 @@ class PartialVerification:
 
 
 def grow_lead(
-    lead: Lead, verified: PartialVerification, least: float, solutions: int, rng: np.random.Generator
+    lead: Lead, verified: PartialVerification, minimum: float, solutions: int, rng: np.random.Generator
 ) -> tuple[Hypotheses, int]:
     """Hypotheses of the whole object that a lead grows to, none where it does not, and points looked up for them.
 
@@ -101,7 +101,7 @@ def grow_lead(
         found = verified(verified.nearest(first, reach), points, images)
         looked_up += len(points) * reach
         strongest = int(found.evidence.argmax())
-        if not found.evidence[strongest] > least:
+        if not found.evidence[strongest] > minimum:
             return Hypotheses.empty(3, n, found.candidates.shape[2]), looked_up
         if last:
             return found.take(found.evidence > -np.inf), looked_up

@@ -28,7 +28,7 @@ from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import prepare_sets, sequential_test
 from rootmatch.samplers.guided.visibility import FAILURE
 
-LEAST = 50
+MINIMUM = 50
 """Source points from which local triples are tried; what they find and cost: benchmarks/targets.py. The recorded
 headset without its normals, 32 points of which 7 to 12 are seen, takes twice as long by local triples (`rootmatch
 benchmark real`, eight scenes: 1.3 against 0.65 s)."""
@@ -61,7 +61,7 @@ ROUNDS, GROWTH = 6, 3.0
 """Most rounds of growth, a bound that is hardly met, and the evidence that another one has to bring."""
 MISSED = 0.05
 """Probability of having missed a pose that explains as much, below which the search ends. By construction."""
-MOST_MATCHED, RARER = 2.0 / 3.0, 7.0
+MAX_MATCHED, RARER = 2.0 / 3.0, 7.0
 """Share of the points, or of the detections if these are fewer, that the best pose matches from which no other explains
 much more; and how many times less often one that does may be met: along a row many places fit a pose that is shifted or
 stretched. Of 100 railings (40 from seed 151200, 60 from 1200) 19 missed the true pose, and 4 do."""
@@ -105,8 +105,8 @@ class LocalSearch(Search):
         self.sure_sets = SETS  # hypotheses grow by them
         self.neighbours = nearest_neighbours(self.positions, max(*POINTS, LOOKED_UP))
         near, every = nearest_neighbours(self.grid.positions.T, max(IMAGES)), np.arange(self.n_target)
-        n, most = self.neighbours.shape[1], LOCAL * (self.n_target - 1)
-        sizes = [(min(p, n), q) for p, q in zip(POINTS, IMAGES, strict=True) if q <= most]
+        n, maximum = self.neighbours.shape[1], LOCAL * (self.n_target - 1)
+        sizes = [(min(p, n), q) for p, q in zip(POINTS, IMAGES, strict=True) if q <= maximum]
         self.levels = [Level(p, Ring(every, np.ascontiguousarray(near[:, :q]))) for p, q in sizes]
         self.in_parts = self.n > WHOLE
         """Whether hypotheses of local triples are verified near their triple first."""
@@ -161,7 +161,7 @@ class LocalSearch(Search):
         self._grow()
         self._update_miss_probability()
         matched = 0 if self.best is None else np.count_nonzero(self.best >= 0)
-        return bool(self.missed <= MISSED ** (1.0 if matched >= MOST_MATCHED * min(self.shape) else RARER))
+        return bool(self.missed <= MISSED ** (1.0 if matched >= MAX_MATCHED * min(self.shape) else RARER))
 
     def _try_rivals(self) -> None:
         """See `Search`; local triples would have met them, unless too few of them meet even the best pose."""
@@ -198,18 +198,18 @@ class LocalSearch(Search):
         triples = self._triples(level)
         points = np.ascontiguousarray(triples[level.done : level.done + count])
         solved = len(points) * level.ring.cost
-        most = batches.listed_verification_count(solved)
+        maximum = batches.listed_verification_count(solved)
         others = nearest_other_points(points, self.neighbours)
         sets = prepare_sets(self.tables, points, others, np.zeros(len(others), np.int64))
         # ever more patient with hidden points
-        test = sequential_test(self.clutter, VISIBLE, level.waves, least=self.minimal + 1, normals=False)
+        test = sequential_test(self.clutter, VISIBLE, level.waves, minimum=self.minimal + 1, normals=False)
         survivors, ratios, counts = run_listed_tests(
             self.tables, self.grid, test, sets, level.ring, allowed=self.allowed,
-            keep=batches.survivors_per_chunk(most), chunks=batches.CHUNKS,
+            keep=batches.survivors_per_chunk(maximum), chunks=batches.CHUNKS,
             threads=worthwhile_threads(solved // batches.WORTH_A_THREAD),
         )  # fmt: skip
         self.nearby = self.in_parts
-        self._keep(points, survivors, ratios, counts, most)
+        self._keep(points, survivors, ratios, counts, maximum)
         self.nearby = False
         self._follow()
         level.done, level.waves = level.done + len(points), level.waves + 1

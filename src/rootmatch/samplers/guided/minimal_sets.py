@@ -121,11 +121,11 @@ def at_every_root(sets: Integers, images: Integers, solutions: int) -> tuple[Int
     return np.repeat(sets, solutions, axis=0), np.column_stack([roots, np.repeat(images, solutions, axis=0)])
 
 
-def nearest_neighbours(positions: Floats, most: int) -> Integers:
-    """The nearest of the points (n, 2 or 3) to each, itself left out, nearest first: (n, at most ``most``)."""
+def nearest_neighbours(positions: Floats, maximum: int) -> Integers:
+    """The nearest of the points (n, 2 or 3) to each, itself left out, nearest first: (n, at most ``maximum``)."""
     from scipy.spatial import cKDTree  # slow to import, and only large objects need it
 
-    k = min(most, len(positions) - 1)
+    k = min(maximum, len(positions) - 1)
     _, found = cKDTree(positions).query(positions, k=k + 1)
     others = np.argsort(found == np.arange(len(positions))[:, None], axis=1, kind="stable")[:, :k]
     return np.ascontiguousarray(np.take_along_axis(found, others, axis=1).astype(np.int64))

@@ -56,8 +56,8 @@ class ModelViews:
         self.most_facing = max(int(self.visible.sum(axis=1).max()), 1)
         self.cameras, self.seen = _cameras(positions, normals, view_cosine)
         self.normals, self.view_cosine, self.directions = normals, view_cosine, sphere(DIRECTIONS)
-        least = np.zeros(len(normals)) if view_cosine is None else view_cosine
-        self.least_cosine = np.where(normals.any(axis=1), least, -1.0)
+        minimum = np.zeros(len(normals)) if view_cosine is None else view_cosine
+        self.min_cosine = np.where(normals.any(axis=1), minimum, -1.0)
         self._waves: dict[int, VisibleSets] = {}
         self._wide = set[int]()
         self._ready, self._joined = [0, 0], dict[tuple[bool, int], VisibleSets]()
@@ -66,7 +66,7 @@ class ModelViews:
         self._local_waves: dict[int, VisibleSets] = {}
         self._local_met: dict[int, Integers] = {}
 
-    def prepare(self, tables: Any, budget: int, deadline: Deadline, *, wide: bool, most: int = PREPARED) -> int:
+    def prepare(self, tables: Any, budget: int, deadline: Deadline, *, wide: bool, maximum: int = PREPARED) -> int:
         """Prepare the next waves of up to so many triples, and return how many waves are: late ones take long together.
 
         At least one more, and as many as a ``budget`` of evaluations and the deadline allow. ``wide``: see `wave`.
@@ -74,7 +74,7 @@ class ModelViews:
         stage, done = deadline.part(PREPARING), 0
         for number in range(self._ready[wide], len(self.edges)):
             first, last = self.edges[number]
-            if last > most or (done and (done * EVALUATIONS > budget or stage.passed())):
+            if last > maximum or (done and (done * EVALUATIONS > budget or stage.passed())):
                 break
             self.wave(number, tables, wide=wide)
             self._ready[wide], done = number + 1, done + last - first
@@ -95,7 +95,7 @@ class ModelViews:
         sets = self._waves[number]
         if wide and number not in self._wide:
             add_near_shapes(
-                sets.shapes, sets.prepared.points, self.positions, self.normals, least=self.least_cosine,
+                sets.shapes, sets.prepared.points, self.positions, self.normals, minimum=self.min_cosine,
                 directions=self.directions,
             )  # fmt: skip
             self._wide.add(number)
@@ -111,10 +111,10 @@ class ModelViews:
             self._local_waves[number] = sets
         return self._local_waves[number]
 
-    def _prepared(self, tables: Any, points: Integers, others: Integers, most: int) -> VisibleSets:
-        """Triples (S, 3) with the other points that each predicts, and their shapes in ``most`` cameras."""
+    def _prepared(self, tables: Any, points: Integers, others: Integers, maximum: int) -> VisibleSets:
+        """Triples (S, 3) with the other points that each predicts, and their shapes in ``maximum`` cameras."""
         prepared = prepare_sets(tables, points, others, np.zeros(len(points), np.int64))
-        return VisibleSets(prepared, shape_tables(self.positions, self.cameras[:most], self.seen[:most], points))
+        return VisibleSets(prepared, shape_tables(self.positions, self.cameras[:maximum], self.seen[:maximum], points))
 
     @cached_property
     def neighbours(self) -> Integers:
@@ -147,7 +147,7 @@ class ModelViews:
 
     def every(self, tables: Any, budget: int, deadline: Deadline, *, wide: bool) -> tuple[VisibleSets, bool]:
         """The triples of all waves, as far as they can be prepared, and whether these are all; see `prepare`."""
-        ready = self.prepare(tables, budget, deadline, wide=wide, most=len(self.ordered))
+        ready = self.prepare(tables, budget, deadline, wide=wide, maximum=len(self.ordered))
         if (wide, ready) not in self._joined:
             waves = [self.wave(number, tables, wide=wide) for number in range(ready)]
             prepared = (np.concatenate(part) for part in zip(*(sets.prepared for sets in waves), strict=True))
@@ -174,8 +174,8 @@ def _cameras(positions: Floats, normals: Floats, view_cosine: Floats | None) -> 
     cameras = np.concatenate([centre + radius * far * sphere(DIRECTIONS) for far in DISTANCES])
     towards = cameras[:, None] - positions
     along = np.einsum("vni,ni->vn", towards, normals)
-    least = 0.0 if view_cosine is None else view_cosine * np.linalg.norm(towards, axis=2)
-    return cameras, np.asarray((along > least) | ~normals.any(axis=1))
+    minimum = 0.0 if view_cosine is None else view_cosine * np.linalg.norm(towards, axis=2)
+    return cameras, np.asarray((along > minimum) | ~normals.any(axis=1))
 
 
 @cache_by_values(8)

@@ -15,7 +15,7 @@ from rootmatch.arrays import Integers
 from rootmatch.deadline import Deadline
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import strongest_assignment
-from rootmatch.samplers.guided.local_search import LEAST, LOOKED_UP, POINTS, VISIBLE
+from rootmatch.samplers.guided.local_search import LOOKED_UP, MINIMUM, POINTS, VISIBLE
 from rootmatch.samplers.guided.minimal_sets import nearest_neighbours, nearest_other_points
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import verify_known
@@ -39,7 +39,7 @@ class PairSearch(Search):
     def __init__(self, task: SamplingTask, options: GuidedOptions, deadline: Deadline | None = None) -> None:
         super().__init__(task, options, deadline)
         self.neighbours = (
-            nearest_neighbours(self.positions, LOOKED_UP) if self.n >= LEAST else np.empty((self.n, 0), np.int64)
+            nearest_neighbours(self.positions, LOOKED_UP) if self.n >= MINIMUM else np.empty((self.n, 0), np.int64)
         )
         self.pairs = self._near_pairs()
         self.near, self.waves = False, 0
@@ -119,8 +119,8 @@ class PairSearch(Search):
         if not self.near:
             self.waves += 1
             return super()._test(self.waves - 1, seen)
-        least = min(self.minimal + SEEN, self.fewest)
-        return sequential_test(self.clutter, VISIBLE, 0, least=least, normals=self.normals)
+        minimum = min(self.minimal + SEEN, self.fewest)
+        return sequential_test(self.clutter, VISIBLE, 0, minimum=minimum, normals=self.normals)
 
     def _verify(self, points: Integers, images: Integers) -> None:
         """See `Search`; few of a batch are kept."""

@@ -33,8 +33,8 @@ class GuidedOptions(Options):
     """
 
     budget: int = option(500_000_000, above=0)
-    max_seconds: float | None = option(None, least=0.0)
+    max_seconds: float | None = option(None, minimum=0.0)
     subsets: int = option(5_000, above=0)
     edges: int = option(300_000, above=0)
-    hypotheses: int = option(200, least=1)
+    hypotheses: int = option(200, minimum=1)
     stopping: StoppingOptions = option(StoppingOptions())

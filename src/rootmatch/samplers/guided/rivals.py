@@ -56,7 +56,7 @@ def try_rivals(search: Search) -> None:
     """Try minimal sets until no rival of the strongest hypothesis can well have been missed."""
     best = search._cluster_hypotheses()[2].best[0]
     own = np.sort(best[best >= 0])
-    search.missed = search._missed_among(own, least_own_detections(search, len(own)), known=best)
+    search.missed = search._missed_among(own, min_own_detections(search, len(own)), known=best)
     search.missed = max(search.missed, try_elsewhere(search))
 
 
@@ -73,7 +73,7 @@ def try_elsewhere(search: Search) -> float:
     free[best[best >= 0]] = False
     (rest,) = np.nonzero(free)
     # none shows more detections than there are
-    shown = [count for count in least_other_detections(search, int((best >= 0).sum())) if count <= len(rest)]
+    shown = [count for count in min_other_detections(search, int((best >= 0).sum())) if count <= len(rest)]
     if not shown or len(rest) > CROWD or search._is_spent():
         return 0.0
     missed = search._missed_among(rest, shown)
@@ -87,13 +87,13 @@ def allowed_pairs(search: Search, images: Integers) -> Bools:
     return mask & search.allowed if search.allowed.size else mask
 
 
-def least_own_detections(search: Search, matched: int) -> tuple[int]:
+def min_own_detections(search: Search, matched: int) -> tuple[int]:
     """Detections of a hypothesis with so many that a rival explains at least: it has to be as probable."""
     share = SAME * matched if search.normals and search.single else max(RIVAL * matched, matched - LACKS)
     return (max(search.minimal + 1, math.ceil(share)),)
 
 
-def least_other_detections(search: Search, matched: int) -> tuple[int, int]:
+def min_other_detections(search: Search, matched: int) -> tuple[int, int]:
     """Other detections that a rival of a hypothesis with so many explains at least.
 
     The first number is of one that shows nearly as much, which must not be missed. The second is of one that chance
@@ -116,8 +116,8 @@ def rival_miss_probability(
     if tried is None:
         # a rival explains so many detections, of any points
         tried, wanted = TriedSets(partial(views_of_parts, positions=search.positions), LOST_OF_ALL), True
-    least = shown[-1]
-    test = search._test(0, least)
+    minimum = shown[-1]
+    test = search._test(0, minimum)
     for points in _rival_waves(search, tried, shown) if wanted else search._waves():
         sets, met = search._prepare_sets(points, len(arrangements)), 0
         first, tasks = 0, len(points) * len(arrangements)
@@ -133,7 +133,7 @@ def rival_miss_probability(
                 tried.learn(int((known[points] >= 0).all(axis=1).sum()), met)
         missed = tried.missed(shown[0])
         enough = missed <= MISSED or (wanted and missed <= RIVAL_MISSED and not _looks_like_itself(search))
-        enough = enough and (len(shown) == 1 or tried.missed(least) <= RIVAL_MISSED)
+        enough = enough and (len(shown) == 1 or tried.missed(minimum) <= RIVAL_MISSED)
         if enough or search._is_spent() or (wanted and tried.lost > VAIN):
             return missed
     return tried.missed(shown[0]) if wanted else 0.0
@@ -186,9 +186,9 @@ def _rival_waves(search: Search, tried: TriedSets, shown: Sequence[int]) -> Iter
     from the views that were met least often, and taken by width times what they cover that those before them do not.
     """
     rng, size = np.random.default_rng([search.n, shown[-1]]), search.minimal
-    for least, enough in (*((count, RIVAL_MISSED) for count in reversed(shown)), (shown[0], MISSED)):
-        views = tried.views(least)
-        while (needed := tried.unmet(least)).mean() > enough:
+    for minimum, enough in (*((count, RIVAL_MISSED) for count in reversed(shown)), (shown[0], MISSED)):
+        views = tried.views(minimum)
+        while (needed := tried.unmet(minimum)).mean() > enough:
             wave = list[Integers]()
             while len(wave) < LARGEST_WAVE and needed.mean() > enough:
                 if len(wave) % TAKEN == 0:

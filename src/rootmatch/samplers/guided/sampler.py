@@ -57,10 +57,10 @@ def task_by_triples(task: SamplingTask) -> SamplingTask | None:
 
 def pays(task: SamplingTask) -> bool:
     """Whether a guided search is possible and cheaper than an exhaustive sweep."""
-    most = LIMITS.guided if task.motions == 1 else LIMITS.guided_multi_motion
+    maximum = LIMITS.guided if task.motions == 1 else LIMITS.guided_multi_motion
     searched = task.clouds is not None or task.views is not None
     possible = searched or has_hypotheses(task.tables)
-    return searches_focal_lengths(task) or (possible and task.sweep_cost > most)
+    return searches_focal_lengths(task) or (possible and task.sweep_cost > maximum)
 
 
 def searches_focal_lengths(task: SamplingTask) -> bool:

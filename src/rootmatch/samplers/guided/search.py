@@ -41,7 +41,7 @@ from rootmatch.samplers.guided.sequential_test import (
     run_sequential_tests,
     sequential_test,
 )
-from rootmatch.samplers.guided.stopping import false_alarm_level, has_found_enough, least_telling_matches
+from rootmatch.samplers.guided.stopping import false_alarm_level, has_found_enough, min_telling_matches
 from rootmatch.samplers.guided.survivors import Survivors
 from rootmatch.samplers.guided.verification import CANDIDATES, allowed_shares, verify
 from rootmatch.samplers.guided.visibility import MISSED, TriedSets, covering_waves, detected_views
@@ -90,7 +90,7 @@ class Search:
         self.possible = share**self.minimal
         """Share of the images of a minimal set that its points may have, as if they may have theirs independently."""
         sets = self.possible * math.comb(self.n, self.minimal) * math.perm(self.n_target, self.minimal)
-        self.fewest = min(least_telling_matches(self.density, tables.variance, self.minimal, sets), *self.shape)
+        self.fewest = min(min_telling_matches(self.density, tables.variance, self.minimal, sets), *self.shape)
         """Fewest matches that tell a pose from chance: a search need not go on for one that has fewer."""
         self.facing, self.view_cosine = np.ascontiguousarray(tables.normals[:3].T), task.view_cosine
         self.positions = np.ascontiguousarray(tables.points.T)
@@ -200,7 +200,7 @@ class Search:
         """The sequential test of a wave: hopeful at first, then ever more patient. ``seen``: most points seen."""
         visible = (VISIBLE if self.single else VISIBLE_OF_MANY) * min(1.0, self.n_target / self.n)
         visible = min(visible, seen / self.n)
-        return sequential_test(self.clutter, visible, wave, least=self.minimal + 1, normals=self.normals)
+        return sequential_test(self.clutter, visible, wave, minimum=self.minimal + 1, normals=self.normals)
 
     def _is_spent(self) -> bool:
         return self.evaluated >= self.budget or self.deadline.passed()
@@ -244,18 +244,18 @@ class Search:
         """
         columns = self.n_target if images is None else len(images)
         solved = int(self.possible * (last - first) * (columns - self.minimal + 1))
-        most = batches.verification_count(solved, self.single) if images is None else rivals.RIVALS_KEPT
+        maximum = batches.verification_count(solved, self.single) if images is None else rivals.RIVALS_KEPT
         survivors, ratios, counts = run_sequential_tests(
             self.padded, self.grid, test, sets, arrangements,
             first=first, last=last, allowed=self.allowed if images is None else rivals.allowed_pairs(self, images),
-            keep=batches.survivors_per_chunk(most), chunks=batches.CHUNKS,
+            keep=batches.survivors_per_chunk(maximum), chunks=batches.CHUNKS,
             threads=worthwhile_threads(solved // batches.WORTH_A_THREAD), images=images,
         )  # fmt: skip
         if images is None:
-            self._keep(sets.points, survivors, ratios, counts, most)
+            self._keep(sets.points, survivors, ratios, counts, maximum)
             return 0
         self._count(counts)
-        return rivals.verify_rivals(self, Survivors.of(sets.points, survivors, ratios, most), known)
+        return rivals.verify_rivals(self, Survivors.of(sets.points, survivors, ratios, maximum), known)
 
     def _count(self, counts: Integers) -> None:
         """Count what the tests of some chunks did."""
@@ -264,10 +264,10 @@ class Search:
         self.tested += tested
         self.evaluated += solved + looked_up
 
-    def _keep(self, points: Integers, survivors: Integers, ratios: Floats, counts: Integers, most: int) -> None:
+    def _keep(self, points: Integers, survivors: Integers, ratios: Floats, counts: Integers, maximum: int) -> None:
         """Count what was done, and verify at most so many survivors of the sets ``points`` (S, m)."""
         self._count(counts)
-        found, before = Survivors.of(points, survivors, ratios, most), len(self.hypotheses)
+        found, before = Survivors.of(points, survivors, ratios, maximum), len(self.hypotheses)
         if len(found.ratios):
             self._verify(found.points, found.images)
             self.drawn += [one.take(one.evidence > 0.0) for one in self.hypotheses[before:]]

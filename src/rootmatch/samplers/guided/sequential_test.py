@@ -30,16 +30,16 @@ VISIBLE, VISIBLE_OF_MANY = 0.85, 0.3
 points alone."""
 DECAY = 0.75
 """Factor on that fraction from one wave of minimal sets to the next: ever more patience with hidden points."""
-LEAST_VISIBLE = 0.2
+MIN_VISIBLE = 0.2
 """Fraction below which the assumption never falls, unless it is far lower at first."""
-LEAST_OF_SPARSE = 2.0
+MIN_OF_SPARSE = 2.0
 """The same over the first one, where detections are so few that no pose shows so many points: a test that assumes more
 than there can be drops what is right. Of 120 lamps of which 7 and 8 are detected, the right pose is met after a fifth
 to a half of the evaluations that a fraction of 0.2 takes, and with a factor of 1 after twice as many."""
-LEAST_VISIBLE_ODDS = 1.5
+MIN_VISIBLE_ODDS = 1.5
 """Least fraction over the chance of a hit by clutter; below 1 a hit would be no evidence."""
-MOST_CLUTTER = 0.6
-"""Chance of a hit by clutter beyond which it is not believed; times `LEAST_VISIBLE_ODDS` it is a probability."""
+MAX_CLUTTER = 0.6
+"""Chance of a hit by clutter beyond which it is not believed; times `MIN_VISIBLE_ODDS` it is a probability."""
 SHARPNESS = 2.5
 """The gate over the deviation of a true detection from its prediction, which also has the errors of the minimal set."""
 DROP_RATIO = 0.03
@@ -57,7 +57,7 @@ class SequentialTest(NamedTuple):
     """Gain of an empty position; negative."""
     floor: float
     """A hypothesis below it is dropped."""
-    least: int
+    minimum: int
     """Correspondences, the minimal set included, that a reported survivor must have."""
     normals: bool
     """Whether any source point has a normal."""
@@ -66,7 +66,7 @@ class SequentialTest(NamedTuple):
 
 
 def sequential_test(
-    clutter: float, visible: float, wave: int, *, least: int, normals: bool, facing: float = 0.0
+    clutter: float, visible: float, wave: int, *, minimum: int, normals: bool, facing: float = 0.0
 ) -> SequentialTest:
     """The sequential test for one wave of minimal sets.
 
@@ -81,16 +81,16 @@ def sequential_test(
     least, normals, facing
         See `SequentialTest`.
     """
-    met = min(1.0 - math.exp(-clutter), MOST_CLUTTER)
-    least_seen = min(LEAST_VISIBLE, LEAST_OF_SPARSE * visible)
-    seen = max(visible * DECAY**wave, least_seen, LEAST_VISIBLE_ODDS * met)
+    met = min(1.0 - math.exp(-clutter), MAX_CLUTTER)
+    least_seen = min(MIN_VISIBLE, MIN_OF_SPARSE * visible)
+    seen = max(visible * DECAY**wave, least_seen, MIN_VISIBLE_ODDS * met)
     fall = 0.5 * SHARPNESS**2
     return SequentialTest(
         hit=math.log(seen / met) + math.log(fall),
         fall=fall,
         miss=math.log((1.0 - seen) / (1.0 - met)),
         floor=math.log(DROP_RATIO),
-        least=least,
+        minimum=minimum,
         normals=normals,
         facing=facing,
     )
@@ -247,7 +247,7 @@ def lookups_before_dropped(test: SequentialTest, others: int, minimal: int) -> i
     """Points that are looked up before a hypothesis that misses all of them is dropped; 0 where none is."""
     lookups = int(test.floor / test.miss) + 1
     # a hypothesis without any hit is not reported
-    return min(lookups, others) if lookups <= others or test.least > minimal else 0
+    return min(lookups, others) if lookups <= others or test.minimum > minimal else 0
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")

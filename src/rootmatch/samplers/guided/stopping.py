@@ -22,7 +22,7 @@ class StoppingOptions(Options):
     beyond_chance: float = option(7.0, above=0.0)
     """Evidence above the logarithm of the number of tests from which a hypothesis is no false alarm: 7 is one false
     alarm in a thousand searches. By construction."""
-    complete: float = option(0.9, above=0.0, most=1.0)
+    complete: float = option(0.9, above=0.0, maximum=1.0)
     """Fraction of the points that can be matched from which the hypotheses are complete and the search ends."""
     in_part: bool = option(False)
     """Whether other images tell which hypotheses are right, as those of a rig's other cameras: then what chance
@@ -40,7 +40,7 @@ def false_alarm_level(tested: int, options: StoppingOptions) -> float:
     return math.log(max(tested, 1)) + options.beyond_chance
 
 
-def least_telling_matches(density: Floats, variance: Floats, minimal: int, sets: float) -> int:
+def min_telling_matches(density: Floats, variance: Floats, minimal: int, sets: float) -> int:
     """Fewest matches of a pose that is not expected among so many minimal sets by chance.
 
     A match beyond a minimal set is worth at most what it is exactly where it is predicted, of the detection in the

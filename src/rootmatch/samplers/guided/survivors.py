@@ -22,11 +22,11 @@ class Survivors(NamedTuple):
     """(K,) log-likelihood ratios, descending."""
 
     @classmethod
-    def of(cls, points: Integers, survivors: Integers, ratios: Floats, most: int) -> Survivors:
-        """The ``most`` survivors of highest ratio among those (chunks, keep, m + 2) of the sets ``points`` (S, m)."""
+    def of(cls, points: Integers, survivors: Integers, ratios: Floats, maximum: int) -> Survivors:
+        """The ``maximum`` survivors of highest ratio of those (chunks, keep, m + 2) of the sets ``points`` (S, m)."""
         survivors, ratios = survivors.reshape(-1, survivors.shape[2]), ratios.reshape(-1)
         (chosen,) = (survivors[:, 0] >= 0).nonzero()
-        chosen = chosen[(-ratios[chosen]).argsort(kind="stable")[:most]]
+        chosen = chosen[(-ratios[chosen]).argsort(kind="stable")[:maximum]]
         survivors = survivors[chosen]
         sets = survivors[:, 0]
         return cls(sets, points[sets], survivors[:, 1:], ratios[chosen])

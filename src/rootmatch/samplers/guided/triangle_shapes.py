@@ -96,8 +96,8 @@ def image_cells(rays: Floats) -> NDArray[np.int16]:
 
 
 @part
-def _mark(points, i, j, k, x, y, z, least, table):  # type: ignore[no-untyped-def]
-    """Mark the shape of a triple in the image of a camera at (x, y, z), if its width is in layer ``least`` or above."""
+def _mark(points, i, j, k, x, y, z, minimum, table):  # type: ignore[no-untyped-def]
+    """Mark the shape of a triple in the image of a camera at (x, y, z), if its width is in layer ``minimum`` or up."""
     ax, ay, az = points[i, 0] - x, points[i, 1] - y, points[i, 2] - z
     bx, by, bz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
     cx, cy, cz = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
@@ -110,14 +110,14 @@ def _mark(points, i, j, k, x, y, z, least, table):  # type: ignore[no-untyped-de
     hbc = 0.5 * ((bx - cx) ** 2 + (by - cy) ** 2 + (bz - cz) ** 2)
     hca = 0.5 * ((cx - ax) ** 2 + (cy - ay) ** 2 + (cz - az) ** 2)
     total = hab + hbc + hca
-    if _layer(total * SLACK) < least:
+    if _layer(total * SLACK) < minimum:
         return
     orientation = (ay * bz - az * by) * cx + (az * bx - ax * bz) * cy + (ax * by - ay * bx) * cz
     sheet, u, v, height = _place(hab, hbc, hca, orientation)
     row, column = _number(u), _number(v)
     if _layer(total * SLACK) == len(WIDTHS):
         table[ANY] = True
-    for layer in range(max(_layer(total / SLACK), least), min(_layer(total * SLACK) + 1, len(WIDTHS))):
+    for layer in range(max(_layer(total / SLACK), minimum), min(_layer(total * SLACK) + 1, len(WIDTHS))):
         for side in range(2):
             if side != sheet and height > RIM:
                 continue
@@ -136,7 +136,7 @@ def _shape_tables(points, cameras, visible, sets, tables):  # type: ignore[no-un
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _near_tables(points, normals, least, directions, distances, sets, tables):  # type: ignore[no-untyped-def]
+def _near_tables(points, normals, minimum, directions, distances, sets, tables):  # type: ignore[no-untyped-def]
     for s in range(sets.shape[0]):
         x, y, z, longest = 0.0, 0.0, 0.0, 0.0
         for p in range(3):
@@ -152,7 +152,7 @@ def _near_tables(points, normals, least, directions, distances, sets, tables):  
             nearest, farthest = 0.0, math.inf
             for p in range(3):
                 d = sets[s, p]
-                if least[d] >= 0.0:
+                if minimum[d] >= 0.0:
                     slope = directions[q, 0] * normals[d, 0] + directions[q, 1] * normals[d, 1]
                     slope += directions[q, 2] * normals[d, 2]
                     height = (x - points[d, 0]) * normals[d, 0] + (y - points[d, 1]) * normals[d, 1]
@@ -173,7 +173,7 @@ def _near_tables(points, normals, least, directions, distances, sets, tables):  
                     d = sets[s, p]
                     ox, oy, oz = u - points[d, 0], v - points[d, 1], w - points[d, 2]
                     along = ox * normals[d, 0] + oy * normals[d, 1] + oz * normals[d, 2]
-                    facing = facing and along >= least[d] * math.sqrt(ox * ox + oy * oy + oz * oz)
+                    facing = facing and along >= minimum[d] * math.sqrt(ox * ox + oy * oy + oz * oz)
                 if facing:
                     _mark(points, sets[s, 0], sets[s, 1], sets[s, 2], u, v, w, 1, tables[s])
 
@@ -196,7 +196,7 @@ def shape_tables(points: Floats, cameras: Floats, visible: Bools, sets: Integers
 
 
 def add_near_shapes(
-    tables: Bools, sets: Integers, points: Floats, normals: Floats, least: Floats, directions: Floats
+    tables: Bools, sets: Integers, points: Floats, normals: Floats, minimum: Floats, directions: Floats
 ) -> None:
     """Add the shapes of wide images to tables (S, CELLS): what cameras see that are as near as a triple is long.
 
@@ -211,4 +211,4 @@ def add_near_shapes(
     directions : (D, 3) array
         Unit vectors in which cameras lie about a triple.
     """
-    _near_tables(points, normals, least, directions, np.array(NEAR), sets, tables)
+    _near_tables(points, normals, minimum, directions, np.array(NEAR), sets, tables)

@@ -179,12 +179,12 @@ def random_miss_probability(matched: int, n: int, size: int, sets: float) -> flo
     return float((1.0 - (1.0 - lost) * inside) ** sets)
 
 
-def unmet_probability(least: int, most: int, n: int, size: int, sets: float) -> float:
-    """Probability that an object shows ``least`` of its n points or more, and none of so many sets met its pose.
+def unmet_probability(minimum: int, maximum: int, n: int, size: int, sets: float) -> float:
+    """Probability that an object shows ``minimum`` of its n points or more, and none of so many sets met its pose.
 
-    It shows any number of points up to ``most`` as probably.
+    It shows any number of points up to ``maximum`` as probably.
     """
-    return sum(random_miss_probability(k, n, size, sets) for k in range(least, most + 1)) / (most + 1)
+    return sum(random_miss_probability(k, n, size, sets) for k in range(minimum, maximum + 1)) / (maximum + 1)
 
 
 class TriedSets:

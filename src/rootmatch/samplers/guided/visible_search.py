@@ -17,7 +17,7 @@ from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.crowding import crowding
 from rootmatch.samplers.guided.dispatch import has_listed
 from rootmatch.samplers.guided.listed_triples import Ring, VisibleSets, make_rings, run_listed_tests
-from rootmatch.samplers.guided.local_search import CROWDED, IMAGES, LEAST, LOCAL, LocalSearch
+from rootmatch.samplers.guided.local_search import CROWDED, IMAGES, LOCAL, MINIMUM, LocalSearch
 from rootmatch.samplers.guided.model_views import LARGEST_WAVE, model_views
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.rivals import RIVAL_MISSED, allowed_pairs
@@ -27,12 +27,12 @@ from rootmatch.samplers.guided.survivors import Survivors
 from rootmatch.samplers.guided.triangle_shapes import CELLS, NARROW, image_cells
 from rootmatch.samplers.guided.visibility import DETECTED, FACING, FAILURE, MISSED, covisible_share
 
-MOST_DETECTIONS = 256
+MAX_DETECTIONS = 256
 """Detections beyond which the cells of their triples take too much memory: 34 MB."""
 
 SHAPES_PER_SOLVED = 16
 """Image triples whose shape is looked up in the time of one that is solved."""
-LEAST_RING = 32_000
+MIN_RING = 32_000
 """Image triples that a smaller ring has at least: some milliseconds for each triple of points. A round value."""
 CHUNKS = 32
 """Chunks of the triples that are ranked alone: each looks for its weakest at every one that it keeps. A round value."""
@@ -42,7 +42,7 @@ TOGETHER = 1.0 / 3.0
 """Share of all triples that a view shows from which normals do not tell the search what is visible. Of caps of a ball
 with a share of .4 a search without normals takes a third of the time, with .25 as much, with .1 twice as much to ten
 times (16 and 30 points, five scenes each from 1000). A round value."""
-LEAST_MATCHED = 6
+MIN_MATCHED = 6
 """Points of a pose that must not have been missed, at least: two minimal sets. Fewer hardly tell a pose from chance,
 and to look for them would take most of the time."""
 
@@ -74,7 +74,7 @@ class LocalSets(NamedTuple):
 def ring_sizes(images: Integers) -> list[int]:
     """Detections near each of some that rings are made of: all, and halves of them down to some that cost little."""
     sizes = [len(images) - 1]
-    while len(images) * (sizes[0] // 2) ** 2 >= LEAST_RING:
+    while len(images) * (sizes[0] // 2) ** 2 >= MIN_RING:
         sizes.insert(0, sizes[0] // 2)
     return sizes
 
@@ -82,7 +82,7 @@ def ring_sizes(images: Integers) -> list[int]:
 def ranks_triples(task: SamplingTask) -> bool:
     """Whether `VisibleSearch` can search a task."""
     normals = bool(task.tables.normals[:3].any())
-    return task.motions == 1 and normals and has_listed(task.tables) and task.shape[1] <= MOST_DETECTIONS
+    return task.motions == 1 and normals and has_listed(task.tables) and task.shape[1] <= MAX_DETECTIONS
 
 
 def choose_search(task: SamplingTask, options: GuidedOptions, deadline: Deadline) -> Search:
@@ -98,7 +98,7 @@ def choose_search(task: SamplingTask, options: GuidedOptions, deadline: Deadline
             listed = task.shape[1] ** 3 <= SHAPES_PER_SOLVED * options.budget
             return (VisibleSearch if listed and ranks_triples(task) else Search)(task, options, deadline)
         task, normals = replace(task, tables=tables._replace(normals=np.zeros_like(tables.normals))), False
-    if task.motions == 1 and not normals and has_listed(tables) and task.shape[0] >= LEAST:
+    if task.motions == 1 and not normals and has_listed(tables) and task.shape[0] >= MINIMUM:
         rays, sigma = np.ascontiguousarray(tables.rays.T), np.sqrt(tables.variance)
         if crowding(rays, sigma) < CROWDED:
             return LocalSearch(task, options, deadline)
@@ -111,7 +111,7 @@ class VisibleSearch(Search):
     def __init__(self, task: SamplingTask, options: GuidedOptions, deadline: Deadline | None = None) -> None:
         super().__init__(task, options, deadline)
         self.views = model_views(self.positions, self.facing, self.view_cosine)
-        self.least_cosine = FACING if self.view_cosine is None else 0.0
+        self.min_cosine = FACING if self.view_cosine is None else 0.0
         self.cells = image_cells(np.ascontiguousarray(self.grid.rays))
         same, met = np.eye(self.n_target, dtype=np.bool_), np.zeros(CELLS, np.bool_)
         met[self.cells[~(same | same[:, None] | same[:, :, None])]] = True
@@ -139,14 +139,15 @@ class VisibleSearch(Search):
         ]
         batch, pace, waves = batches.FIRST, Pace(self.deadline), len(self.views.edges)
         while True:
-            matched = shown[0] if shown else max(self._best_match_count(), LEAST_MATCHED)
-            limits = ((matched, MISSED), *((least, RIVAL_MISSED) for least in shown[1:]))
+            matched = shown[0] if shown else max(self._best_match_count(), MIN_MATCHED)
+            limits = ((matched, MISSED), *((minimum, RIVAL_MISSED) for minimum in shown[1:]))
             done = min(turn.wave for turn in turns)
             self.missed = self.views.missed(matched, done) if done < waves else 0.0
             open_turns = [
                 one
                 for one in turns
-                if one.wave < waves and any(self.views.missed(least, one.wave) > most for least, most in limits)
+                if one.wave < waves
+                and any(self.views.missed(minimum, one.wave) > maximum for minimum, maximum in limits)
             ]
             if not open_turns:
                 return
@@ -168,21 +169,23 @@ class VisibleSearch(Search):
         Rivals that have the detections of a pose which is ``known`` are met by local triples as it is, or by wide ones
         if those cost less.
         """
-        mask, least = allowed_pairs(self, images), shown[0]
-        local = None if known is None else self._find_local_sets(images, least, known)
+        mask, minimum = allowed_pairs(self, images), shown[0]
+        local = None if known is None else self._find_local_sets(images, minimum, known)
         before = self.missed
-        for _ in self._search_rings(images, mask, shown) if local is None else self._search_locally(local, mask, least):
+        for _ in (
+            self._search_rings(images, mask, shown) if local is None else self._search_locally(local, mask, minimum)
+        ):
             if self._is_spent():
                 break
         missed, self.missed = self.missed, before
         return missed
 
-    def _find_local_sets(self, images: Integers, least: int, known: Integers) -> LocalSets | None:
+    def _find_local_sets(self, images: Integers, minimum: int, known: Integers) -> LocalSets | None:
         """How local triples may meet all rivals of a known pose with its images; None where wide ones cost less."""
-        number, most = 0, math.perm(len(images), self.minimal)
-        while number < len(self.views.edges) and self.views.missed(least, number) > MISSED:
+        number, maximum = 0, math.perm(len(images), self.minimal)
+        while number < len(self.views.edges) and self.views.missed(minimum, number) > MISSED:
             number += 1
-        cost, found = self.views.edges[number - 1][1] * most if number else 0, None
+        cost, found = self.views.edges[number - 1][1] * maximum if number else 0, None
         sizes = [size for size in IMAGES if size <= LOCAL * (len(images) - 1)]
         if not sizes:
             return None
@@ -191,13 +194,13 @@ class VisibleSearch(Search):
             near = ring.near[np.searchsorted(images, known[own[:, 0]])]
             met = (near[:, None] == known[own[:, 1:], None]).any(axis=2).all(axis=1)
             lost = 1.0 - (1.0 - FAILURE) * float(met.mean()) if len(own) else 1.0
-            missed = (lost ** self.views.local_met(least)).mean(axis=1)
+            missed = (lost ** self.views.local_met(minimum)).mean(axis=1)
             enough = int((missed > MISSED).sum()) + 1
             if enough <= len(missed) and enough * LARGEST_WAVE * ring.cost < cost:
                 cost, found = enough * LARGEST_WAVE * ring.cost, LocalSets(ring, missed[:enough])
         return found
 
-    def _search_locally(self, local: LocalSets, allowed: Bools, least: int) -> Iterator[None]:
+    def _search_locally(self, local: LocalSets, allowed: Bools, minimum: int) -> Iterator[None]:
         """Try local triples until a pose that explains so many points can hardly have been missed."""
         pace, self.missed = Pace(self.deadline), 1.0
         for number, missed in enumerate(local.missed.tolist()):
@@ -206,35 +209,35 @@ class VisibleSearch(Search):
                 last = done + pace.block(len(sets.shapes) - done)
                 if last == done:
                     return
-                self._try_visible(sets, done, last, local.ring, allowed, seen=least)
+                self._try_visible(sets, done, last, local.ring, allowed, seen=minimum)
                 done = last
             self.missed = missed
             yield
 
-    def triples(self, most: int) -> tuple[Integers, Integers, bool]:
+    def triples(self, maximum: int) -> tuple[Integers, Integers, bool]:
         """Triples of points (T, 3) that may be visible together, with images (T, 3) of a shape that they can have.
 
         Those first whose poses explain most of the other detections; and whether these are all.
         """
-        test = self._test(0)._replace(floor=-math.inf, least=self.minimal)
+        test = self._test(0)._replace(floor=-math.inf, minimum=self.minimal)
         sets, every = self.views.every(self.tables, self.budget, self.deadline, wide=self.is_wide)
         survivors, ratios, counts = run_listed_tests(
             self.tables, self.grid, test, sets.prepared, self.every, shapes=sets.shapes, cells=self.cells,
-            allowed=self.allowed, keep=max(most // 8, 1), chunks=CHUNKS,
+            allowed=self.allowed, keep=max(maximum // 8, 1), chunks=CHUNKS,
         )  # fmt: skip
         self.evaluated += int(counts[:, ::2].sum())
         found = Survivors.of(sets.prepared.points, survivors, ratios, ratios.size)
         images = found.images[:, 1:]
         same = found.sets * self.n_target**3 + images @ self.n_target ** np.arange(3)  # but for the root
         first = np.sort(np.unique(same, return_index=True)[1])
-        whole = every and len(first) <= most and bool((ratios.min(axis=1) == -np.inf).all())
-        return found.points[first[:most]], images[first[:most]], whole
+        whole = every and len(first) <= maximum and bool((ratios.min(axis=1) == -np.inf).all())
+        return found.points[first[:maximum]], images[first[:maximum]], whole
 
     def _test(self, wave: int, seen: float = math.inf) -> SequentialTest:
         """The sequential test, the same for all waves, with a detection rate for points that face the camera."""
         seen = min(DETECTED, seen / self.views.most_facing)
         return sequential_test(
-            self.clutter, seen, 0, least=self.minimal + 1, normals=True, facing=self.least_cosine
+            self.clutter, seen, 0, minimum=self.minimal + 1, normals=True, facing=self.min_cosine
         )  # fmt: skip
 
     def _try_visible(
@@ -249,12 +252,12 @@ class VisibleSearch(Search):
         if not sets.shapes[first:last, self.met].any():
             self.evaluated += tasks // SHAPES_PER_SOLVED
             return
-        most = batches.listed_verification_count(tasks)
+        maximum = batches.listed_verification_count(tasks)
         survivors, ratios, counts = run_listed_tests(
             self.tables, self.grid, self._test(0, seen), sets.prepared, ring,
             first=first, last=last, shapes=sets.shapes, cells=self.cells, allowed=allowed,
-            keep=batches.survivors_per_chunk(most), chunks=batches.CHUNKS,
+            keep=batches.survivors_per_chunk(maximum), chunks=batches.CHUNKS,
             threads=worthwhile_threads(tasks // (SHAPES_PER_SOLVED * batches.WORTH_A_THREAD)),
         )  # fmt: skip
         self.evaluated += tasks // SHAPES_PER_SOLVED
-        self._keep(sets.prepared.points, survivors, ratios, counts, most)
+        self._keep(sets.prepared.points, survivors, ratios, counts, maximum)

@@ -25,13 +25,13 @@ GATE = 4.5
 triples are."""
 NEAR = 6.0
 """Gate in σ once the motion is fitted to all of its points. A round value."""
-MOST_LOOKED_UP = 3_000_000
+MAX_LOOKED_UP = 3_000_000
 """Pairs of triples' first two points and targets that are compared: a tenth of a second."""
-MOST_MOTIONS = 6_000
+MAX_MOTIONS = 6_000
 """Triples of targets that are followed up, those of the widest triples of source points first: a tenth of a second."""
-MOST_KEPT = 256
+MAX_KEPT = 256
 """Distinct labellings that are returned, those that tell the most about their motion first. A round value."""
-MOST_FITTED = 2048
+MAX_FITTED = 2048
 """Distinct labellings whose motions are fitted, those with the most matches first: a twentieth of a second."""
 TOGETHER = 64
 """Triples of the source that are compared with those of the targets at once: enough are mostly among the first ones."""
@@ -45,7 +45,7 @@ def is_small(clouds: PointClouds) -> bool:
     """Whether all triples of the source can be laid onto all those of the targets in a moment."""
     n, n_target = len(clouds.source), len(clouds.target)
     looked_up = n * (n - 1) * (n - 2) // 6 * n_target**2
-    return looked_up * (n_target if clouds.scaled else 1) <= MOST_LOOKED_UP
+    return looked_up * (n_target if clouds.scaled else 1) <= MAX_LOOKED_UP
 
 
 class Labellings(NamedTuple):
@@ -78,14 +78,14 @@ def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: Bools | Non
     """
     clouds = clouds.with_means
     source, target = _congruent_triples(clouds, allowed)
-    cut = len(source) == MOST_MOTIONS
+    cut = len(source) == MAX_MOTIONS
     found = grow_labellings(
         clouds, label_by_motions(clouds, _motions(clouds, source, target, mirror), allowed), mirror, allowed
     )
-    most = int((found >= 0).sum(axis=1).max(initial=2))
-    if mirror or most >= min(len(clouds.source), len(clouds.target)):
+    maximum = int((found >= 0).sum(axis=1).max(initial=2))
+    if mirror or maximum >= min(len(clouds.source), len(clouds.target)):
         return Labellings(found, found[:0], len(source), cut)
-    mirrored = _label_reflected(clouds, source, target, most + 1, allowed)
+    mirrored = _label_reflected(clouds, source, target, maximum + 1, allowed)
     return Labellings(found, mirrored, 2 * len(source), cut)
 
 
@@ -94,8 +94,8 @@ def reflected_labellings(clouds: PointClouds, labelling: Integers, allowed: Bool
 
     Three points have no handedness: what has them where the body does may be its mirror image, which has the rest too.
     """
-    own, most = np.flatnonzero(labelling >= 0), min(len(clouds.source), len(clouds.target))
-    if clouds.source.shape[1] != 3 or not 3 <= len(own) < most or not is_small(clouds):
+    own, maximum = np.flatnonzero(labelling >= 0), min(len(clouds.source), len(clouds.target))
+    if clouds.source.shape[1] != 3 or not 3 <= len(own) < maximum or not is_small(clouds):
         return np.empty((0, len(labelling)), np.int64)
     clouds = clouds.with_means
     triples = own[_triangles_widest_first(distances(clouds.source[own]))[:REFLECTED]]
@@ -103,25 +103,25 @@ def reflected_labellings(clouds: PointClouds, labelling: Integers, allowed: Bool
 
 
 def _label_reflected(
-    clouds: PointClouds, source: Integers, target: Integers, least: int, allowed: Bools | None
+    clouds: PointClouds, source: Integers, target: Integers, minimum: int, allowed: Bools | None
 ) -> Integers:
     """Labellings (M, n) of so many matches, at least, by the reflections that take triples onto triples."""
-    mirrored = label_by_motions(clouds, _motions(clouds, source, target, True)[-1:], allowed, least)
+    mirrored = label_by_motions(clouds, _motions(clouds, source, target, True)[-1:], allowed, minimum)
     return grow_labellings(clouds, mirrored, True, allowed)
 
 
 def grow_labellings(clouds: PointClouds, found: Integers, mirror: bool, allowed: Bools | None) -> Integers:
     """Labellings (K, n) of three points or more, and those by the motions that are fitted to them."""
-    found = found[(found >= 0).sum(axis=1) >= 3][:MOST_FITTED]
+    found = found[(found >= 0).sum(axis=1) >= 3][:MAX_FITTED]
     if not len(found):
         return found
     clouds = clouds.with_means
     fit = fit_point_sets(clouds, found, mirror)
     again = _label_in_parts(clouds, len(found), lambda some: fit.take(some).squares(), NEAR, allowed)
     every = _distinct_labellings([found, again], 3)
-    if len(every) <= MOST_KEPT:
+    if len(every) <= MAX_KEPT:
         return every
-    return np.asarray(every[np.argsort(-_labelling_information(clouds, every, mirror), kind="stable")[:MOST_KEPT]])
+    return np.asarray(every[np.argsort(-_labelling_information(clouds, every, mirror), kind="stable")[:MAX_KEPT]])
 
 
 def _labelling_information(clouds: PointClouds, labellings: Integers, mirror: bool) -> Floats:
@@ -154,9 +154,9 @@ def _congruent_triples(clouds: PointClouds, allowed: Bools | None) -> tuple[Inte
             order = np.lexsort((*alike.corners.T[::-1], alike.number))
             found.append((some[alike.number[order]], alike.corners[order]))
             seen += len(order)
-            if seen >= MOST_MOTIONS:
+            if seen >= MAX_MOTIONS:
                 break
-    first, second = (np.concatenate(part)[:MOST_MOTIONS] for part in zip(*found, strict=True))
+    first, second = (np.concatenate(part)[:MAX_MOTIONS] for part in zip(*found, strict=True))
     return first, second
 
 
@@ -193,24 +193,24 @@ def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bo
 
 
 def label_by_motions(
-    clouds: PointClouds, kinds: list[Motions], allowed: Bools | None, least: int | None = None
+    clouds: PointClouds, kinds: list[Motions], allowed: Bools | None, minimum: int | None = None
 ) -> Integers:
     """Distinct labellings (H, n) by motions of triples, of the first of them where a deadline passes.
 
-    ``least``: fewest matches; three by default, but where a motion explains more than twice as many points, those that
+    ``minimum``: fewest matches; three by default, but if a motion explains more than twice as many points, those that
     explain no more than the triple that names them are of no account.
     """
     motions = concatenate_motions(kinds)
     places, explained = PlaceGrid(clouds, WIDE, allowed), np.zeros(len(motions.scale), np.int64)
     for part in _parts(clouds, len(explained)):
         explained[part] = places.explained(motions.take(part))
-    if least is None:
-        least = 3 + int(explained.max(initial=0) > 6)
-    motions = motions.take(np.flatnonzero(explained >= least))
+    if minimum is None:
+        minimum = 3 + int(explained.max(initial=0) > 6)
+    motions = motions.take(np.flatnonzero(explained >= minimum))
     labelled = _label_in_parts(
         clouds, len(motions.scale), lambda some: motions.take(some).squares(clouds), WIDE, allowed
     )
-    return _distinct_labellings([labelled], least)
+    return _distinct_labellings([labelled], minimum)
 
 
 def _label_in_parts(
@@ -240,11 +240,11 @@ def _parts(clouds: PointClouds, count: int) -> Iterator[slice]:
         yield slice(first, first + step)
 
 
-def _distinct_labellings(parts: list[Integers], least: int) -> Integers:
+def _distinct_labellings(parts: list[Integers], minimum: int) -> Integers:
     """Distinct labellings with enough matches, those with the most matches first."""
     every = np.concatenate(parts)
     matched = (every >= 0).sum(axis=1)
-    every, matched = every[matched >= least], matched[matched >= least]
+    every, matched = every[matched >= minimum], matched[matched >= minimum]
     # a random number of each labelling: two of 2⁶⁴ are hardly ever the same by chance
     _, place = np.unique(every @ _keys(every.shape[1]), return_index=True)
     return np.asarray(every[place[np.lexsort((place, -matched[place]))]])

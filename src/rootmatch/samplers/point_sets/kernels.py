@@ -47,15 +47,15 @@ def list_alike(triples, table, points, gate, found):  # type: ignore[no-untyped-
             last = int(min((second + w) / width[o], cells[o] - 1.0))
             for cell in range(first, last + 1):
                 base = lift * (begin[o] + cell)
-                least, most = base + max(third - w, 0.0), base + min(third + w, 0.998 * lift)
+                minimum, maximum = base + max(third - w, 0.0), base + min(third + w, 0.998 * lift)
                 low, high = 0, len(rising)
                 while low < high:
                     middle = (low + high) // 2
-                    if rising[middle] < least:
+                    if rising[middle] < minimum:
                         low = middle + 1
                     else:
                         high = middle
-                while low < len(rising) and rising[low] <= most:
+                while low < len(rising) and rising[low] <= maximum:
                     k, l, m = corners[0, low], corners[1, low], corners[2, low]  # noqa: E741
                     low += 1
                     compared += 1
@@ -151,7 +151,7 @@ def list_pairs(motions, points, grid, gate, found):  # type: ignore[no-untyped-d
     low, shape, width, listed, begin, targets, reach = grid
     whose, point, image, squares, variances = found
     n, n_target, count = source.shape[1], len(target), 0
-    most, most2, most3 = shape[0] - 1.0, shape[1] - 1.0, shape[2] - 1.0  # cells that list nothing
+    maximum, most2, most3 = shape[0] - 1.0, shape[1] - 1.0, shape[2] - 1.0  # cells that list nothing
     widest, widest2 = 0.0, 0.0
     for i in range(n):
         widest = max(widest, source_variance[i])
@@ -172,7 +172,7 @@ def list_pairs(motions, points, grid, gate, found):  # type: ignore[no-untyped-d
             for i in range(n):
                 u, v = (moved[0, i] - low[0]) * inverse, (moved[1, i] - low[1]) * inverse
                 w = (moved[2, i] - low[2]) * inverse
-                u, v, w = min(max(u, 0.0), most), min(max(v, 0.0), most2), min(max(w, 0.0), most3)
+                u, v, w = min(max(u, 0.0), maximum), min(max(v, 0.0), most2), min(max(w, 0.0), most3)
                 cells[i] = (int(u) * shape[1] + int(v)) * shape[2] + int(w)
         for i in range(n):
             first, last = 0, n_target

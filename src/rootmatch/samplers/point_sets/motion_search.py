@@ -28,7 +28,7 @@ ROUNDS = 4
 """Rounds in which a motion is fitted to the points that it explains; the gate narrows from one to the next."""
 FITTED = 5_000
 """Motions of triples that are fitted at once."""
-TRIPLES, LEAST, BLOCK = 6_000, 12, 64
+TRIPLES, MINIMUM, BLOCK = 6_000, 12, 64
 """Most triples that are tried, and least, however clear the best motion is, and how many at once later on: three of ten
 matched points in a hundred are among so many with 99.5 %."""
 REFINED = 4
@@ -77,8 +77,8 @@ class MotionSearch:
         box = np.ptp(clouds.target, axis=0)
         box = np.maximum(box * (self.n_target + 1) / (self.n_target - 1), 2.0 * np.sqrt(2.0 * np.pi * variance))
         self.log_density = math.log(self.n_target) - float(np.log(box).sum())
-        least = clouds.target_variance.min() + (0.0 if clouds.scaled else clouds.source_variance.min())
-        self.most = max(-0.5 * self.dimension * math.log(2.0 * math.pi * least) - self.log_density, 1e-9)
+        minimum = clouds.target_variance.min() + (0.0 if clouds.scaled else clouds.source_variance.min())
+        self.maximum = max(-0.5 * self.dimension * math.log(2.0 * math.pi * minimum) - self.log_density, 1e-9)
         """Log-likelihood ratio of a match that is exactly in its place."""
         self.hypotheses: list[MotionHypothesis] = []
         self.evaluated = self.judged = self.tried = 0
@@ -106,7 +106,7 @@ class MotionSearch:
 
     def _miss_probability(self, evidence: float) -> float:
         """Probability that a motion with so much evidence, by matches that noise puts off their places, was not met."""
-        matched = 3 + math.ceil(evidence / max(self.most - 0.5 * self.dimension, 1e-9))
+        matched = 3 + math.ceil(evidence / max(self.maximum - 0.5 * self.dimension, 1e-9))
         return math.prod(part.missed(matched) for part in self.parts)
 
     def run(self, budget: int = 500_000_000) -> None:
@@ -116,7 +116,7 @@ class MotionSearch:
         """
         # those of the smaller set first: more of them lie in what both sets show
         sides = (0, 1) if self.n <= self.n_target else (1, 0)
-        count = LEAST
+        count = MINIMUM
         while self.tried < TRIPLES and self.evaluated < budget and not self.deadline.passed():
             for side in sides:
                 self._try(side, self.parts[side].triples(count))
@@ -173,13 +173,13 @@ class MotionSearch:
 
     def _are_new(self, triples: Integers, images: Integers, explained: Integers) -> Bools:
         """Whether the motions of triples (H, 3) may be none of those that are kept, and of account beside them."""
-        least = 0.0
+        minimum = 0.0
         if self.task.motions == 1 and self.conclusive:
-            least = WORTH * np.count_nonzero(self.hypotheses[0].assignment >= 0)
+            minimum = WORTH * np.count_nonzero(self.hypotheses[0].assignment >= 0)
         if len(self.hypotheses) == KEPT:  # with so many it could at best be kept
-            least = max(least, 3.0 + self.hypotheses[-1].evidence / self.most)
+            minimum = max(minimum, 3.0 + self.hypotheses[-1].evidence / self.maximum)
         known = (self.assignments()[:, triples] == images).all(axis=2).any(axis=0)
-        return np.asarray((explained >= least) & ~known)
+        return np.asarray((explained >= minimum) & ~known)
 
     def _refine(self, motions: Motions) -> None:
         """Fit motions to the points that each explains, several times, and keep those that are among the best."""

@@ -18,7 +18,7 @@ from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.point_sets.kernels import list_pairs
 from rootmatch.samplers.point_sets.motions import Motions, in_space
 
-CELLS, MOST = 1_500, 1_000_000
+CELLS, MAXIMUM = 1_500, 1_000_000
 """Cells for each target, of which it is listed in some thirty, and most of all: those stay in the processor's cache.
 Round values."""
 STEPS = (-1.0, -0.4, 0.4, 1.0)
@@ -64,8 +64,8 @@ class PlaceGrid:
         # as wide as the gate is if the source is twice as large as the targets
         scale = 2.0 * float(np.linalg.norm(box)) / max(spread, 1e-300) if clouds.scaled else 1.0
         own = scale**2 * clouds.source_variance.max() + clouds.target_variance.max()
-        most = min(CELLS * len(target), MOST) ** (1.0 / clouds.target.shape[1])  # along an axis
-        reach = max(gate * math.sqrt(float(own)), float(box.max()) / most, 1e-300)
+        maximum = min(CELLS * len(target), MAXIMUM) ** (1.0 / clouds.target.shape[1])  # along an axis
+        reach = max(gate * math.sqrt(float(own)), float(box.max()) / maximum, 1e-300)
         shape = np.ceil(box / reach).astype(np.int64) + 5  # two about them, and what rounding takes
         low = low - 2.0 * reach
         steps = (1.0 + SLACK) * np.array(list(product(STEPS, repeat=3)))

@@ -22,7 +22,7 @@ VAGUEST = 0.5
 """Deviation of a ratio of sides from which shapes tell nothing, and one cell has all. A round value."""
 NARROWEST = 10.0
 """Part of the size of a point set that the longest side of a triple has at least. A round value."""
-MOST = 2_000_000
+MAXIMUM = 2_000_000
 """Most triangles that are listed, those of 228 points: their table takes two seconds and .4 GB."""
 SIDES = np.array([[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 0, 1], [1, 2, 0], [2, 1, 0]])
 """Corners of a triangle, those of its first side first."""

@@ -10,7 +10,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import active_deadline, checkpoint
 from rootmatch.problems.points import distances
-from rootmatch.samplers.point_sets.shape_table import MOST, NARROWEST, ShapeTable
+from rootmatch.samplers.point_sets.shape_table import MAXIMUM, NARROWEST, ShapeTable
 
 GATE = 3.7
 """Deviation in σ up to which distances within a triple agree (of 10,000 right ones two are lost)."""
@@ -124,7 +124,7 @@ class Triangles:
         It is made once comparing sides has taken a part of that: of large sets most motions are met before.
         """
         number = math.comb(len(self.variance), 3)
-        if not self.scaled or number > MOST or near.max() <= 0.0:
+        if not self.scaled or number > MAXIMUM or near.max() <= 0.0:
             return False
         takes = SECONDS_PER_SHAPE * number
         return self._shapes is not None or (

@@ -27,7 +27,7 @@ from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, kernel, scalar
 from rootmatch.samplers.two_views.likelihood import depth_along_line, epipolar_line, likelihood_ratio
 
-LEAST_SHARE = 1e-3
+MIN_SHARE = 1e-3
 """Share below which a pair of points moves no pose."""
 DAMPING = 1e-9
 """Share of the diagonal that is added to it, against rounding. By construction."""
@@ -101,7 +101,7 @@ def refinement_step(  # type: ignore[no-untyped-def]
         turns = slope_about_y(u), (0.0, -u[2], u[1]), (-u[1], u[0], 0.0)
         for n in range(ratios.shape[1]):
             share = ratios[i, n] / (1.0 + rows[i] + columns[n] - ratios[i, n])
-            if share < LEAST_SHARE:
+            if share < MIN_SHARE:
                 continue
             p = column(views.target, n)
             own = views.source_variance[i] + views.target_variance[n]

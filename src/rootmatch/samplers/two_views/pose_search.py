@@ -48,7 +48,7 @@ RARE = 0.1
 FIRST_WAVE, WAVE = 3, 2
 """Minimal sets of source points that are tried before the first look at what was found, and before each further one.
 Accuracy and time with these and the following numbers are those of benchmarks/two_views.py."""
-MOST_SETS, TILTED_SETS = 64, 160
+MAX_SETS, TILTED_SETS = 64, 160
 """Most minimal sets of source points that are tried, and where the common direction was measured."""
 BUDGET = 4_000_000
 """Most minimal sets with images that are solved."""
@@ -147,8 +147,8 @@ class PoseSearch:
         """Run wave after wave until enough of them agree, all sets were tried, or the budget is spent."""
         for sets, tilts in self.covering.waves(FIRST_WAVE, WAVE):
             # of many images a single set may be more than the budget
-            most = max((self.budget - self.solved) // self.n_target**self.minimal, 1)
-            self._try(sets[:most], tilts[:most])
+            maximum = max((self.budget - self.solved) // self.n_target**self.minimal, 1)
+            self._try(sets[:maximum], tilts[:maximum])
             self.conclusive = bool(self.hypotheses)
             if self.task.progress is not None:
                 self.task.progress(min(self.solved, self.budget), self.budget)
@@ -169,7 +169,7 @@ class PoseSearch:
         return self.covering.missed(int((self.hypotheses[0].assignment >= 0).sum()))
 
     def _is_spent(self) -> bool:
-        spent = self.sets >= (TILTED_SETS if self.tilt2 > 0.0 else MOST_SETS) or self.solved >= self.budget
+        spent = self.sets >= (TILTED_SETS if self.tilt2 > 0.0 else MAX_SETS) or self.solved >= self.budget
         return spent or self.cut or self.deadline.passed()
 
     def _has_enough(self) -> bool:
@@ -305,12 +305,12 @@ class PoseSearch:
         """Assignments (K, n) of the hypotheses, each once, strongest first."""
         return np.array([one.assignment for one in self._distinct(ASSIGNMENTS)], np.int64).reshape(-1, self.n)
 
-    def _distinct(self, most: int) -> list[RelativeHypothesis]:
+    def _distinct(self, maximum: int) -> list[RelativeHypothesis]:
         """The strongest hypotheses of different assignments."""
         first = dict[bytes, RelativeHypothesis]()
         for one in self.hypotheses:
             first.setdefault(one.assignment.tobytes(), one)
-        return list(first.values())[:most]
+        return list(first.values())[:maximum]
 
     def clusters(self) -> HypothesisClusters:
         """The strongest hypotheses that differ, each with the detections that its points may have."""

@@ -54,13 +54,13 @@ def judge_panel(views, judge, order, own, panel, low, high, columns, poses, evid
             evidence[0] = total
             for field in range(panel.shape[1]):
                 poses[0, field] = panel[root, field, last]
-            least = 0
+            minimum = 0
             for kept in range(evidence.shape[0]):
-                if evidence[kept] < evidence[least]:
-                    least = kept
-            evidence[0], evidence[least] = evidence[least], evidence[0]
+                if evidence[kept] < evidence[minimum]:
+                    minimum = kept
+            evidence[0], evidence[minimum] = evidence[minimum], evidence[0]
             for field in range(panel.shape[1]):
-                poses[0, field], poses[least, field] = poses[least, field], poses[0, field]
+                poses[0, field], poses[minimum, field] = poses[minimum, field], poses[0, field]
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")

@@ -34,14 +34,14 @@ class BoundedAscents:
         self.options, self.index = options, index
         self.deadline, self.pace = deadline, Pace(deadline)
         n, n_target, order = index.n, index.n_target, index.indices.shape[1]
-        most = min(n, n_target)
-        subsets = math.comb(most, order - 1)
+        maximum = min(n, n_target)
+        subsets = math.comb(maximum, order - 1)
         usual = 1.0 + index.indices.size / math.comb(n * n_target, order - 1)
         self.effort = LOOKUPS_PER_SUBSET * subsets / LOOKUPS_PER_THREAD
         self.usual_reads = LOOKUPS_PER_SUBSET * subsets * usual
-        self.moving = 2.0 * most * n * n_target * SECONDS_PER_GAIN
+        self.moving = 2.0 * maximum * n * n_target * SECONDS_PER_GAIN
         # Until an ascent was made: that it ends with all of the hyper-edges that there can be.
-        self.dearest = subsets * usual + (order - 1) * min(len(index.indices), math.comb(most, order))
+        self.dearest = subsets * usual + (order - 1) * min(len(index.indices), math.comb(maximum, order))
         self.mean_reads: dict[str, float] = {}
         self.made, self.moves, self.cut, self.reads, self.left_out = 0, 0, 0, 0, 0
         self.state = empty_state(index)
@@ -71,7 +71,7 @@ class BoundedAscents:
 
     def affordable(self, wanted: int, stage: str) -> int:
         """How many ascents of a stage may follow, by what those of it have read, or else the dearest one."""
-        left, each = self.options.most_reads - self.reads, self.mean_reads.get(stage)
+        left, each = self.options.max_reads - self.reads, self.mean_reads.get(stage)
         count = int(max(left / max(self.dearest if each is None else each, 1.0), 0.0))
         if each is None and left > 0:
             # one tells what more would take

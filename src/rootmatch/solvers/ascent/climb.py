@@ -30,7 +30,7 @@ from rootmatch.jit.threads import run_in_pieces, run_in_threads
 from rootmatch.solvers.ascent.assignment_state import State, change, empty_state, joint_weight, room_for_state
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
 
-LEAST_STEP = 1e-10
+MIN_STEP = 1e-10
 """A move must gain this part of the score, far above rounding, so that no ascent can go in circles."""
 
 REMOVING, ADDING, CLIMBING, TIDYING = 0, 1, 2, 3
@@ -89,8 +89,8 @@ def _best_move(unary, state, entry_cost, exit_refund):  # type: ignore[no-untype
 
 
 @internal_function()
-def _find_exchange(index, state, least, begin):  # type: ignore[no-untyped-def]
-    """The first pair of points, from number `begin` on and round to it, whose exchange adds more than `least`.
+def _find_exchange(index, state, minimum, begin):  # type: ignore[no-untyped-def]
+    """The first pair of points, from number `begin` on and round to it, whose exchange adds more than `minimum`.
 
     Returns (i, j, number of the pair); i = −1 when there is none. The first is taken, not the best, because each needs
     look-ups; to begin where the last was found spreads them.
@@ -111,9 +111,9 @@ def _find_exchange(index, state, least, begin):  # type: ignore[no-untyped-def]
             gain = gains[c] + unary[c] + gains[c2] + unary[c2] + state.pairs[i, j]
             gain -= gains[b] + unary[b] + gains[b2] + unary[b2]
             # An upper bound first: the weight of all hyper-edges of either.
-            if gain + marginals[c] > least and gain + marginals[c2] > least:
+            if gain + marginals[c] > minimum and gain + marginals[c2] > minimum:
                 gain += joint_weight(index, state, c, c2, i, j)
-                if gain > least:
+                if gain > minimum:
                     return i, j, i * n + j
         if i * n + j == begin:
             break
@@ -151,11 +151,11 @@ def _ascend(  # type: ignore[no-untyped-def]
             # At most two that leave and two that enter, −1 for none.
             out, out2, enter, enter2 = -1, -1, -1, -1
             if stage == CLIMBING:
-                least = LEAST_STEP * total[0] if total[0] > 0.0 else 0.0
+                minimum = MIN_STEP * total[0] if total[0] > 0.0 else 0.0
                 gain, enter, out = 0.0, -1, -1
                 if made < limit:
                     gain, enter, out = _best_move(unary, state, dues[size[0]], dues[size[0] - 1 if size[0] else 0])
-                if gain > least:
+                if gain > minimum:
                     if enter >= 0:
                         p = enter // n_target
                         k = enter - p * n_target
@@ -164,7 +164,7 @@ def _ascend(  # type: ignore[no-untyped-def]
                 else:
                     p = -1
                     if exchanges and n > 1 and made < limit:
-                        p, q, begin = _find_exchange(index, state, least, begin)
+                        p, q, begin = _find_exchange(index, state, minimum, begin)
                     if p < 0:
                         stage, i = TIDYING, 0
                         continue
@@ -184,7 +184,7 @@ def _ascend(  # type: ignore[no-untyped-def]
                 elif image[i] >= 0:
                     if stage == REMOVING:
                         out = a if image[i] != base else -1
-                    elif tidy and gains[a] + unary[a] <= LEAST_STEP * total[0]:
+                    elif tidy and gains[a] + unary[a] <= MIN_STEP * total[0]:
                         # Gains nothing, by the same measure by which it would not be added.
                         out = a
                 i += 1

@@ -170,8 +170,8 @@ class MultiStart:
         while tried < self.starts and not self.settled() and not self.ascents.left_out:
             if idle >= (self.patience if self.value > walked else after_walk):
                 break
-            most = min(size, self.starts - tried)
-            chosen = next_starts(self.candidates, open_, images, self.index.n_target, least=shared, count=most)
+            maximum = min(size, self.starts - tried)
+            chosen = next_starts(self.candidates, open_, images, self.index.n_target, minimum=shared, count=maximum)
             if chosen.size == 0:
                 break
             images, values = self.ascents.ascend(self.empty, self.alone(chosen), self.density, stage="growth")
@@ -207,9 +207,9 @@ class MultiStart:
         order = self.candidates.shape[1]
         open_ = self.promise >= HOPELESS * self.value
         # Fewer, down to a quarter, where an ascent is expensive.
-        most = self.options.rivals
-        count = int(min(most, max(most / 4, most / 2 / self.ascents.effort)))
-        rivals = next_starts(self.candidates, open_, self.known(), self.index.n_target, least=order, count=count)
+        maximum = self.options.rivals
+        count = int(min(maximum, max(maximum / 4, maximum / 2 / self.ascents.effort)))
+        rivals = next_starts(self.candidates, open_, self.known(), self.index.n_target, minimum=order, count=count)
         if rivals.size:
             self.climb(self.empty, self.alone(rivals), "rivals")
 
@@ -234,8 +234,8 @@ class MultiStart:
     def polish(self) -> None:
         """Step 5, until the best assignment itself has been through it."""
         while self.best.tobytes() not in self.polished:
-            least = POLISHED_SCORE * self.value
-            near = [image for image, value in _sort_by_value(self.found) if value >= least]
+            minimum = POLISHED_SCORE * self.value
+            near = [image for image, value in _sort_by_value(self.found) if value >= minimum]
             waiting = [image for image in near if image.tobytes() not in self.polished][:POLISHED]
             if not waiting:  # a deadline came before any ascent
                 return

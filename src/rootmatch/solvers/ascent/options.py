@@ -36,11 +36,11 @@ class AscentOptions(Options):
         Candidates outside of all that was found from which an ascent is made in any case.
     """
 
-    starts: int = option(200, least=1)
-    walk: int = option(10, least=0)
-    agreement: int = option(12, least=1)
-    penalty: float = option(0.0, least=0.0)
-    keep: int = option(16, least=0)
-    limit: int = option(10_000, least=1)
-    most_reads: int = option(30_000_000, least=0)
-    rivals: int = option(16, least=0)
+    starts: int = option(200, minimum=1)
+    walk: int = option(10, minimum=0)
+    agreement: int = option(12, minimum=1)
+    penalty: float = option(0.0, minimum=0.0)
+    keep: int = option(16, minimum=0)
+    limit: int = option(10_000, minimum=1)
+    max_reads: int = option(30_000_000, minimum=0)
+    rivals: int = option(16, minimum=0)

@@ -41,7 +41,7 @@ def random_walk_start(index: SubsetIndex, steps: int) -> NDArray[np.int64]:
         tensor = AffinityTensor.unchecked(index.indices, index.weights, shape, index.unary.reshape(shape))
         return discretise(_walk_with_steps(steps).run_walk(tensor)[0])
     count = index.unary.size
-    most = max(HEAVIEST, count // HEAVIEST_PART)
+    maximum = max(HEAVIEST, count // HEAVIEST_PART)
     x = np.full(count, 1.0 / count)
     # Of the uniform x; what pairs have in common with the third is each hyper-edge once.
     v = index.marginals / count**2
@@ -52,8 +52,8 @@ def random_walk_start(index: SubsetIndex, steps: int) -> NDArray[np.int64]:
             break
         new = moved[0].ravel()
         chosen = np.arange(count)
-        if most < count:
-            chosen = np.sort(np.argsort(-new, kind="stable")[:most])
+        if maximum < count:
+            chosen = np.sort(np.argsort(-new, kind="stable")[:maximum])
             kept = np.zeros(count)
             kept[chosen] = new[chosen]
             new = kept / kept.sum()

@@ -21,16 +21,16 @@ WORTH_A_THREAD = 20_000
 """Hyper-edges to rank that are worth a thread: some milliseconds."""
 
 
-def rank_candidates(index: SubsetIndex, count: int, most_reads: int) -> tuple[NDArray[np.int32], Floats]:
+def rank_candidates(index: SubsetIndex, count: int, max_reads: int) -> tuple[NDArray[np.int32], Floats]:
     """Hyper-edges to start from, (P, d), and their ranks, best first: ``count``, and the best of each correspondence.
 
     All hyper-edges are ranked, or the heaviest ones if there are more entries in the index than may be read.
     """
-    if index.paired or index.indices.size <= most_reads:
+    if index.paired or index.indices.size <= max_reads:
         rank, best = ranked_hyperedges(index)
         numbers = np.arange(rank.size)
     else:
-        numbers, rank = rank_heaviest(index, most_reads)
+        numbers, rank = rank_heaviest(index, max_reads)
         best = np.full(index.unary.size, -1)
         _best_of_each(index.indices, numbers, rank, best)
     count = min(count, rank.size)
@@ -41,12 +41,12 @@ def rank_candidates(index: SubsetIndex, count: int, most_reads: int) -> tuple[ND
     return index.indices[numbers[chosen]], rank[chosen]
 
 
-def rank_heaviest(index: SubsetIndex, most_reads: int) -> tuple[Integers, Floats]:
+def rank_heaviest(index: SubsetIndex, max_reads: int) -> tuple[Integers, Floats]:
     """Numbers (R,) of the heaviest hyper-edges and their ranks (R,), as `ranked_hyperedges` has them.
 
     As many as can be ranked by so many entries of the index, about.
     """
-    heavy = heaviest(index.weights, max(most_reads // index.indices.shape[1], 1))
+    heavy = heaviest(index.weights, max(max_reads // index.indices.shape[1], 1))
     numbers, ranks, reads = [], [], 0
     for share in range(SHARES):
         some = heavy[share::SHARES]
@@ -59,7 +59,7 @@ def rank_heaviest(index: SubsetIndex, most_reads: int) -> tuple[Integers, Floats
         numbers.append(some)
         ranks.append(rank)
         reads += int(read.sum())
-        if reads >= most_reads:
+        if reads >= max_reads:
             break
     return np.concatenate(numbers), np.concatenate(ranks)
 
@@ -72,8 +72,8 @@ def heaviest(weights: Floats, count: int) -> Integers:
     places = (np.arange(min(SAMPLE, weights.size)) * 0.6180339887498949 % 1.0 * weights.size).astype(np.int64)
     sample = weights[places]
     above = min(int(count / weights.size * sample.size), sample.size - 1)
-    least = np.partition(sample, sample.size - 1 - above)[sample.size - 1 - above]
-    heavier, equal = np.flatnonzero(weights > least), np.flatnonzero(weights == least)
+    minimum = np.partition(sample, sample.size - 1 - above)[sample.size - 1 - above]
+    heavier, equal = np.flatnonzero(weights > minimum), np.flatnonzero(weights == minimum)
     missing = max(count - len(heavier), 1)
     return np.sort(np.concatenate([heavier, equal[:: -(-len(equal) // missing)]]))
 

@@ -11,26 +11,26 @@ from rootmatch.solvers.ascent.assignment_state import State
 
 
 def next_starts(
-    candidates: NDArray[np.int32], open_: Bools, images: Integers, n_target: int, *, least: int, count: int
+    candidates: NDArray[np.int32], open_: Bools, images: Integers, n_target: int, *, minimum: int, count: int
 ) -> Integers:
     """Up to `count` open candidates (rows of flat indices), in order, no two with more than one entry in common.
 
-    First those are closed that have at least `least` correspondences in one of some assignments (B, n), and at last
+    First those are closed that have at least `minimum` correspondences in one of some assignments (B, n), and at last
     those that are returned.
     """
     chosen = np.empty(count, np.int64)
-    return chosen[: int(_select(candidates, open_, images, n_target, least, chosen))]
+    return chosen[: int(_select(candidates, open_, images, n_target, minimum, chosen))]
 
 
-def lies_within_assignments(candidates: NDArray[np.int32], images: Integers, n_target: int, least: int) -> Bools:
-    """Which candidates have at least `least` correspondences in one of some assignments (B, n)."""
+def lies_within_assignments(candidates: NDArray[np.int32], images: Integers, n_target: int, minimum: int) -> Bools:
+    """Which candidates have at least `minimum` correspondences in one of some assignments (B, n)."""
     outside = np.ones(len(candidates), np.bool_)
-    _select(candidates, outside, images, n_target, least, np.empty(0, np.int64))
+    _select(candidates, outside, images, n_target, minimum, np.empty(0, np.int64))
     return ~outside
 
 
 @driver(nogil=True)
-def _select(candidates, open_, images, n_target, least, chosen):  # type: ignore[no-untyped-def]
+def _select(candidates, open_, images, n_target, minimum, chosen):  # type: ignore[no-untyped-def]
     """Close what lies within the assignments, and fill in what is selected as far as it fits; its number."""
     order = candidates.shape[1]
     source, target = np.empty(order, np.int64), np.empty(order, np.int64)
@@ -44,7 +44,7 @@ def _select(candidates, open_, images, n_target, least, chosen):  # type: ignore
             hits = 0
             for p in range(order):
                 hits += images[b, source[p]] == target[p]
-            if hits >= least:
+            if hits >= minimum:
                 open_[c] = False
                 break
     count = 0

@@ -8,11 +8,11 @@ from rootmatch.jit.decorators import driver
 
 
 @driver(nogil=True)
-def branch_and_bound_packing(elements, loss, price, slot_price, most, budget, nodes):  # type: ignore[no-untyped-def]
+def branch_and_bound_packing(elements, loss, price, slot_price, maximum, budget, nodes):  # type: ignore[no-untyped-def]
     """The disjoint sets that lose least against a bound, if they lose less than `budget`.
 
-    With prices y ≥ 0 of the elements and z of each of the `most` slots, the value of a packing is Σ y + `most` z less
-    its losses: y of each element that no set covers, z of each free slot, and of each set its price less its value.
+    With prices y ≥ 0 of the elements and z of each of the `maximum` slots, the value of a packing is Σ y + `maximum` z
+    less its losses: y of each element that no set covers, z of each free slot, and of each set its price less value.
     The element that fewest sets can still cover is covered by each in turn, the least loss first, or not at all. The
     loss of a set in equal parts on its elements bounds from below what the open elements must lose.
 
@@ -77,7 +77,7 @@ def branch_and_bound_packing(elements, loss, price, slot_price, most, budget, no
             # not by slices, which would be compiled with all the text of an error
             for e in range(count):
                 covers[e], share[e] = 0, price[e]
-            length = lengths[depth] if held < most else 0
+            length = lengths[depth] if held < maximum else 0
             for q in range(length):
                 g = lists[depth, q]
                 part = loss[g] / size[g]
@@ -92,7 +92,7 @@ def branch_and_bound_packing(elements, loss, price, slot_price, most, budget, no
                     if covers[e] > 0 and (wanted < 0 or covers[e] < covers[wanted]):
                         wanted = e
             if wanted < 0:
-                bound += slot_price * (most - held)
+                bound += slot_price * (maximum - held)
                 if bound < lost:
                     lost = bound
                     for g in range(sets):

@@ -40,7 +40,7 @@ class Relaxation(NamedTuple):
         return self._replace(loss=self.loss[some], part=self.part[some])
 
 
-def relaxation(elements: Integers, values: Floats, count: int, most: int, seconds: float = math.inf) -> Relaxation:
+def relaxation(elements: Integers, values: Floats, count: int, maximum: int, seconds: float = math.inf) -> Relaxation:
     """Prices (by HiGHS) of sets `elements` (G, k), −1 after the last of each, of N = `count` elements.
 
     Where it takes longer than so many seconds they are rough.
@@ -53,7 +53,7 @@ def relaxation(elements: Integers, values: Floats, count: int, most: int, second
     rows = np.concatenate([elements[member, place], np.full(sets, count)])
     columns = np.concatenate([member, np.arange(sets)])
     matrix = csc_array((np.ones(len(rows)), (rows, columns)), shape=(count + 1, sets))
-    limits = np.append(np.ones(count), most)
+    limits = np.append(np.ones(count), maximum)
     solved = linprog(-values, A_ub=matrix, b_ub=limits, bounds=(0.0, None), method="highs-ds",
                      options={} if math.isinf(seconds) else {"time_limit": seconds})  # fmt: skip
     if solved.x is None or solved.status != 0:
@@ -66,7 +66,9 @@ def relaxation(elements: Integers, values: Floats, count: int, most: int, second
     return Relaxation(float(price @ limits), price[:-1], float(price[-1]), loss, part)
 
 
-def best_packing(elements: Integers, values: Floats, relaxed: Relaxation, most: int, start: Bools, nodes: int) -> Bools:
+def best_packing(
+    elements: Integers, values: Floats, relaxed: Relaxation, maximum: int, start: Bools, nodes: int
+) -> Bools:
     """Disjoint sets (G,) of the largest total value, limited in number.
 
     A set that loses more against the prices than the best packing known cannot be in a better one, so that few sets
@@ -84,32 +86,32 @@ def best_packing(elements: Integers, values: Floats, relaxed: Relaxation, most: 
         Most nodes of branch and bound, after which the best packing found so far is returned.
     """
     # the better the start, the quicker is branch and bound
-    chosen: Bools = search_packing(elements, values, len(relaxed.price), most, start, PATIENCE)
-    better = find_packing_above(float(values[chosen].sum()), elements, relaxed, most, nodes)
+    chosen: Bools = search_packing(elements, values, len(relaxed.price), maximum, start, PATIENCE)
+    better = find_packing_above(float(values[chosen].sum()), elements, relaxed, maximum, nodes)
     return better if better.any() else chosen
 
 
-def find_packing_above(least: float, elements: Integers, relaxed: Relaxation, most: int, nodes: int) -> Bools:
-    """Disjoint sets (G,) of the largest total value found within a number of nodes; none if it is not above `least`."""
+def find_packing_above(minimum: float, elements: Integers, relaxed: Relaxation, maximum: int, nodes: int) -> Bools:
+    """Disjoint sets (G,) of the largest total value found within a number of nodes; none if not above `minimum`."""
     chosen = np.zeros(len(relaxed.loss), np.bool_)
-    budget = relaxed.bound - least - CLOSED * relaxed.bound
+    budget = relaxed.bound - minimum - CLOSED * relaxed.bound
     left = np.flatnonzero(relaxed.loss < budget)
     if len(left) == 0:
         return chosen
     found, _, _ = branch_and_bound_packing(
-        elements[left], relaxed.loss[left], relaxed.price, relaxed.slot_price, most, budget, nodes
+        elements[left], relaxed.loss[left], relaxed.price, relaxed.slot_price, maximum, budget, nodes
     )
     chosen[left[found]] = True
     return chosen
 
 
-def round_relaxation(elements: Integers, values: Floats, relaxed: Relaxation, most: int) -> Bools:
+def round_relaxation(elements: Integers, values: Floats, relaxed: Relaxation, maximum: int) -> Bools:
     """Disjoint sets (G,), those first that the relaxation gives the largest part."""
     chosen = np.zeros(len(values), np.bool_)
     used, held = np.zeros(len(relaxed.price), np.bool_), 0
     for number in np.lexsort((-values, -relaxed.part.round(DIGITS))):
         mine = elements[number][elements[number] >= 0]
-        if held < most and not used[mine].any():
+        if held < maximum and not used[mine].any():
             used[mine] = True
             held += 1
             chosen[number] = True

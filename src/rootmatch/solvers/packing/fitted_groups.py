@@ -24,7 +24,7 @@ from rootmatch.solvers.packing.hyperedge_groups import (
 
 SECONDS_PER_GROUP = 1e-4
 """Time to extend a group in all ways and to evaluate these, at most (benchmarks/matches.py --only motions)."""
-MOST_CLIQUES = 2_000_000
+MAX_CLIQUES = 2_000_000
 """Cliques beyond which groups grow from single hyper-edges."""
 AT_ONCE = 1 << 20
 """Pairs of hyper-edges that are looked at together; it bounds memory. A round value."""
@@ -37,7 +37,7 @@ LEADING = 64
 """Large groups, those of the highest evidence, whose parts are skipped and which are separated from each other."""
 PER_SIZE = 30_000
 """Groups of one size that grow further, those of the highest evidence."""
-LEAST_REST = 0.5
+MIN_REST = 0.5
 """Fraction of a group that must remain without another one's points for the rest to compete."""
 
 
@@ -76,7 +76,7 @@ class FittedGroups:
         to each prediction, which with few points may be the wrong one; so small groups grow in every way that they
         can, one member at a time, as long as their evidence is positive.
         """
-        found = cliques(self.tensor.indices, self.tensor.shape, MOST_CLIQUES)
+        found = cliques(self.tensor.indices, self.tensor.shape, MAX_CLIQUES)
         if found is None:
             groups = self.fallback.groups()
             self.made = self.fallback.made
@@ -138,7 +138,7 @@ class FittedGroups:
         return self.evidence(more)
 
 
-def cliques(indices: NDArray[np.int32], shape: tuple[int, int], most: int) -> NDArray[np.int32] | None:
+def cliques(indices: NDArray[np.int32], shape: tuple[int, int], maximum: int) -> NDArray[np.int32] | None:
     """Sets (C, d + 1) of correspondences, ascending, all of whose d-subsets are among the hyper-edges (E, d), d ≥ 2.
 
     Hyper-edges that differ in their last correspondence alone are joined in pairs, and the other d − 1 subsets of what
@@ -147,7 +147,7 @@ def cliques(indices: NDArray[np.int32], shape: tuple[int, int], most: int) -> ND
     Returns
     -------
     (C, d + 1) int32 array
-        In lexicographic order; None where there are more than ``most``, or where a row is no 64-bit number.
+        In lexicographic order; None where there are more than ``maximum``, or where a row is no 64-bit number.
     """
     base, d = math.prod(shape), indices.shape[1]
     if float(base) ** d >= 2.0**63:
@@ -171,7 +171,7 @@ def cliques(indices: NDArray[np.int32], shape: tuple[int, int], most: int) -> ND
             joined = joined[keys[place] == wanted]
         found.append(joined)
         count += len(joined)
-        if count > most:
+        if count > maximum:
             return None
     return np.concatenate(found)
 
@@ -186,22 +186,22 @@ def groups_from_indices(flat: NDArray[np.int32], n: int, n_target: int) -> Group
 
 def shared_counts(groups: Groups, others: Groups) -> Integers:
     """Maximum number of correspondences that each group (G, n) has in common with one of some others (H, n)."""
-    most = np.zeros(len(groups), np.int64)
+    maximum = np.zeros(len(groups), np.int64)
     for other in others:
         members = np.flatnonzero(other >= 0)
-        np.maximum(most, (groups[:, members] == other[members]).sum(axis=1), out=most)
-    return most
+        np.maximum(maximum, (groups[:, members] == other[members]).sum(axis=1), out=maximum)
+    return maximum
 
 
 def separate_groups(groups: Groups) -> Groups:
     """Each group without what it shares with each of the others: a few points or images of two motions may fit both.
 
-    Where less than `LEAST_REST` of the group would be left, it is left out.
+    Where less than `MIN_REST` of the group would be left, it is left out.
     """
     less = []
     for number, group in enumerate(groups):
         others = np.delete(groups, number, axis=0)
         taken = (others >= 0) | (group[None, :, None] == others[:, None, :]).any(axis=2)
         remain = np.where(taken, -1, group[None])
-        less.append(remain[(remain >= 0).sum(axis=1) > LEAST_REST * (group >= 0).sum()])
+        less.append(remain[(remain >= 0).sum(axis=1) > MIN_REST * (group >= 0).sum()])
     return np.concatenate([*less, groups[:0]])

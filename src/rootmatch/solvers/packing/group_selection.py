@@ -37,30 +37,32 @@ class GroupSelection:
         self.deadline = deadline
         self.groups, self.values, self.shape = groups, values, shape
         self.sizes = (groups >= 0).sum(axis=1)
-        self.most = len(groups) if motions == "auto" else int(motions)
+        self.maximum = len(groups) if motions == "auto" else int(motions)
         self.elements = np.full((len(groups), 2 * int(self.sizes.max(initial=1))), -1)
         for row, group in zip(self.elements, groups, strict=True):
             points = np.flatnonzero(group >= 0)
             row[: 2 * len(points)] = np.concatenate([points, shape[0] + group[points]])
 
-    def best(self, least: int) -> Bools:
+    def best(self, minimum: int) -> Bools:
         """The selected groups.
 
         Chance makes so many of the smallest groups that the search would begin poorly among them. So the best groups of
         at least so many points are selected first, and all compete with those.
         """
         chosen = np.zeros(len(self.groups), np.bool_)
-        large, every = np.flatnonzero(self.sizes >= least), np.arange(len(self.groups))
+        large, every = np.flatnonzero(self.sizes >= minimum), np.arange(len(self.groups))
         for allowed, nodes in ((large, NODES_OF_LARGE), (every, NODES)):
             if len(allowed) == 0:
                 continue
             elements, values = self.elements[allowed], self.values[allowed]
-            self.relaxed = relaxation(elements, values, sum(self.shape), self.most, self.deadline.part(RELAXED).left())
-            start = round_relaxation(elements, values, self.relaxed, self.most)
+            self.relaxed = relaxation(
+                elements, values, sum(self.shape), self.maximum, self.deadline.part(RELAXED).left()
+            )
+            start = round_relaxation(elements, values, self.relaxed, self.maximum)
             if values[start].sum() < self.values[chosen].sum():
                 start = chosen[allowed]
             nodes = self.deadline.part(RELAXED).affordable(nodes, SECONDS_PER_NODE)
-            found = best_packing(elements, values, self.relaxed, self.most, start=start, nodes=nodes)
+            found = best_packing(elements, values, self.relaxed, self.maximum, start=start, nodes=nodes)
             chosen = np.zeros(len(self.groups), np.bool_)
             chosen[allowed[found]] = True
         return chosen
@@ -91,10 +93,10 @@ class GroupSelection:
             shared = ((self.groups == self.groups[number]) & (self.groups >= 0)).sum(axis=1)
             same = RIVAL_OVERLAP * np.minimum(self.sizes, self.sizes[number])
             allowed = np.flatnonzero(shared < same)
-            least = self.values[chosen].sum() - RIVAL_VALUE * self.values[number]
+            minimum = self.values[chosen].sum() - RIVAL_VALUE * self.values[number]
             found = np.zeros(len(chosen), np.bool_)
             found[allowed] = find_packing_above(
-                least, self.elements[allowed], self.relaxed.of(allowed), self.most, nodes
+                minimum, self.elements[allowed], self.relaxed.of(allowed), self.maximum, nodes
             )  # fmt: skip
             other, labels = self.solution(found)
             if ((other >= 0) & (other != best)).any():

@@ -7,14 +7,14 @@ import numpy as np
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal_function
 
-LEAST_TENURE, STRIDE, SPREAD = 3, 7, 11
+MIN_TENURE, STRIDE, SPREAD = 3, 7, 11
 """Steps for which a set that left may not enter again: 3 to 13, spread evenly without a random number. Not tuned."""
 ROUNDING = 1e-9
 """Improvement that is rounding."""
 
 
 @driver()
-def search_packing(elements, values, count, most, start, patience):  # type: ignore[no-untyped-def]
+def search_packing(elements, values, count, maximum, start, patience):  # type: ignore[no-untyped-def]
     """Disjoint sets of a large total value (tabu search; Glover 1989).
 
     At each step the set enters which gains most after those it conflicts with, and the least valuable where there are
@@ -56,11 +56,11 @@ def search_packing(elements, values, count, most, start, patience):  # type: ign
     best, best_value = inside.copy(), value
     while sets > 0 and step - improved < patience:
         step += 1
-        least = -1
-        if held >= most:
+        minimum = -1
+        if held >= maximum:
             for g in range(sets):
-                if inside[g] and (least < 0 or values[g] < values[least]):
-                    least = g
+                if inside[g] and (minimum < 0 or values[g] < values[minimum]):
+                    minimum = g
         gain, entering = -np.inf, -1
         for g in range(sets):
             if inside[g] or values[g] <= gain:
@@ -79,8 +79,8 @@ def search_packing(elements, values, count, most, start, patience):  # type: ign
                         pushed[out] = holder
                         out += 1
                         change -= values[holder]
-            if out == 0 and least >= 0:
-                change -= values[least]
+            if out == 0 and minimum >= 0:
+                change -= values[minimum]
             # a set that may not enter does so all the same where that is the best ever
             if change > gain and (banned[g] < step or value + change > best_value + ROUNDING):
                 gain, entering = change, g
@@ -95,11 +95,11 @@ def search_packing(elements, values, count, most, start, patience):  # type: ign
                 out += 1
                 held -= 1
                 _leave(elements, owner, inside, holder)
-                banned[holder] = step + LEAST_TENURE + STRIDE * step % SPREAD
-        if out == 0 and least >= 0:
+                banned[holder] = step + MIN_TENURE + STRIDE * step % SPREAD
+        if out == 0 and minimum >= 0:
             held -= 1
-            _leave(elements, owner, inside, least)
-            banned[least] = step + LEAST_TENURE + STRIDE * step % SPREAD
+            _leave(elements, owner, inside, minimum)
+            banned[minimum] = step + MIN_TENURE + STRIDE * step % SPREAD
         for p in range(width):
             if elements[entering, p] < 0:
                 break
