@@ -216,7 +216,7 @@ def test_neighbours_of_labellings_are_weighed_until_the_deadline() -> None:
     model = point_set_decision.make_point_set_model(task)
     assert model is not None
     turned = np.array([4, 5, 0, 1, 6, 7, 2, 3])  # a cube is symmetric: what exchanges labels is looked at too
-    proposals = model.judged(np.array([np.arange(8), turned]))
+    proposals = model.judge(np.array([np.arange(8), turned]))
     free = point_set_posterior.weigh_point_set_posterior(model, proposals)
     clock = Clock(1.0)
     looks = looks_at(clock, lambda: point_set_posterior.weigh_point_set_posterior(model, proposals))

@@ -66,7 +66,7 @@ def test_turns_of_an_exact_shape_have_the_same_evidence(scaled: bool) -> None:
         model = PointSetModel(
             PointClouds(source, target, np.full(20, NOISE**2), np.full(20, NOISE**2), scaled, mirror=False)
         )
-        found = model.judged(np.array([np.arange(20), turned]))
+        found = model.judge(np.array([np.arange(20), turned]))
         shares = share_by_exact_shapes(model, found, found.log_odds)
         assert np.logaddexp.reduce(shares) == pytest.approx(np.logaddexp.reduce(found.log_odds))
         covariance = np.tile(NOISE**2 * np.eye(size), (20, 1, 1))

@@ -67,7 +67,7 @@ def gibbs_marginals(model: PointSetModel, start: np.ndarray, sweeps: int) -> np.
             targets = np.append(np.setdiff1d(np.flatnonzero(near[i]), others), -1)
             rows = np.repeat(one[None], len(targets), axis=0)
             rows[:, i] = targets
-            odds = model.judged(rows).log_odds
+            odds = model.judge(rows).log_odds
             chance = np.exp(odds - logsumexp(odds))
             if sweep >= sweeps // 6:
                 counts[i, targets] += chance
@@ -101,7 +101,7 @@ def test_samples_sum_over_all_labellings(seed: int) -> None:
     source = np.concatenate([corners, corners + 4.0 * apart / np.linalg.norm(apart, axis=1, keepdims=True)])
     model = model_of_sets(source, turned(source, rng) + rng.normal(0.0, noise, source.shape), (0.0, noise))
     every = every_labelling(6, 6, 3)
-    odds = model.judged(every).log_odds
+    odds = model.judge(every).log_odds
     share = np.exp(odds - logsumexp(odds))
     some = np.argsort(-odds)[:64]
     some = some[is_same_motion(every[some], every[some[0]])]
@@ -116,7 +116,7 @@ def test_points_that_overlap_in_part_are_as_doubtful_as_samples_say() -> None:
     """σ is not small beside the spacing, and half of the points have no partner: no match is certain."""
     source, target, truth = overlapping(13, 2.0, 35, 18)
     model = model_of_sets(source, target, (2.0, 2.0))
-    found = weigh_point_set_posterior(model, model.judged(truth[None]))
+    found = weigh_point_set_posterior(model, model.judge(truth[None]))
     first = found.assignments[0]
     exact = gibbs_marginals(model, first, 40)
     off = found.confidence[0] - exact[np.arange(len(first)), first]
@@ -146,6 +146,6 @@ def test_two_changes_at_once_are_weighed_where_the_second_costs_little(seed: int
     target = target[order := rng.permutation(len(target))]
     every = np.where(every >= 0, np.argsort(order)[every], -1)
     match = rm.match(source, target, rm.Rigid(), noise=(0.0, 0.3))
-    odds = model_of_sets(source, target, (0.0, 0.3)).judged(every).log_odds
+    odds = model_of_sets(source, target, (0.0, 0.3)).judge(every).log_odds
     agree = (every == match.assignment)[:, match.assignment >= 0].all(axis=1)
     assert match.probability < np.exp(logsumexp(odds[agree]) - logsumexp(odds)) + 0.02

@@ -95,15 +95,15 @@ def test_before_a_rig_the_line_of_sight_is_that_of_a_camera_that_sees_what_was_f
 def test_frames_repeat_what_is_met_where_it_is_expected() -> None:
     place = FollowedPose(MotionFilter(BODY, rm.Pose(np.eye(3), (0.0, 0.0, 1.0), np.eye(6)), 0.0))
     for frames in range(1000):
-        place = copy_with(place, told=place.told_with(lambda: 2.0), frames=frames + 1)
+        place = copy_with(place, told=place.log_odds_with(lambda: 2.0), frames=frames + 1)
     assert place.told == pytest.approx(2.0, abs=0.01)  # the same in each: no more than one tells
-    assert place.told_with(lambda: -20.0) == pytest.approx(place.told, abs=1e-6)
-    assert place.told_with(lambda: 20.0) == pytest.approx(np.logaddexp(2.0, 20.0 - np.log(1001 * 1002)), abs=0.01)
+    assert place.log_odds_with(lambda: -20.0) == pytest.approx(place.told, abs=1e-6)
+    assert place.log_odds_with(lambda: 20.0) == pytest.approx(np.logaddexp(2.0, 20.0 - np.log(1001 * 1002)), abs=0.01)
 
 
 def test_frames_are_not_asked_what_they_tell_of_a_place_that_is_certain() -> None:
     place = FollowedPose(MotionFilter(BODY, rm.Pose(np.eye(3), (0.0, 0.0, 1.0), np.eye(6)), 0.0), told=30.0)
-    assert place.told_with(lambda: pytest.fail("asked")) == 30.0
+    assert place.log_odds_with(lambda: pytest.fail("asked")) == 30.0
 
 
 def test_frames_that_do_not_fit_are_held_against_a_pose_and_others_for_it() -> None:

@@ -174,7 +174,7 @@ def test_a_position_says_in_which_of_two_halls(flat: bool) -> None:
         model = PointSetModel(PointClouds(source, target, *variances, scaled=False, mirror=False))
         for sigma in (3.0, 100.0):
             known = rm.PosePrior(position=(t, sigma))
-            told = replace(model, prior=MotionPrior(((known, 1.0),), 1e-300)).judged(labels).known
+            told = replace(model, prior=MotionPrior(((known, 1.0),), 1e-300)).judge(labels).known
             matched = [(source[one >= 0], target[one[one >= 0]]) for one in labels]
             without, joint = ([joint_log_evidence(*each, place) for each in matched] for place in (None, (t, sigma)))
             expected = joint[0] - without[0] - (joint[1] - without[1])
@@ -187,7 +187,7 @@ def test_a_position_says_in_which_of_two_halls(flat: bool) -> None:
         # a vertical tells nothing of which hall it is, so it changes the odds of neither
         down = np.array([0.0, 0.0, 1.0])
         upright = MotionPrior(((rm.PosePrior(vertical=(down, down, 1e-3)), 1.0),), 0.01)
-        known = replace(model, prior=upright).judged(labels).known
+        known = replace(model, prior=upright).judge(labels).known
         assert known[0] == pytest.approx(known[1], abs=0.5)
 
 

@@ -102,7 +102,7 @@ def test_an_alike_scene_is_more_probable_than_the_same_where_it_is_another() -> 
             model = model_of(scene := streets(seed, same=same), 0.1)
             proposals = congruent_labellings(model.clouds, mirror=False).proper
             proposals = np.concatenate([scene[2][None], proposals]) if same else proposals
-            judged = model.judged(proposals)
+            judged = model.judge(proposals)
             told = weigh_likeness(model, judged)
             assert np.isfinite(told.log_odds)
             best = judged.log_odds + told.log_factors(judged.fit.assignments)
@@ -119,7 +119,7 @@ def test_points_without_a_law_have_nothing_alike() -> None:
     rng = np.random.default_rng(5)
     scene = pair(points := rng.uniform(0.0, 10.0, (24, 2)), points, (7.0, 3.0), 0.05, rng)
     model = model_of(scene, 0.05)
-    judged = model.judged(np.concatenate([scene[2][None], congruent_labellings(model.clouds, mirror=False).proper]))
+    judged = model.judge(np.concatenate([scene[2][None], congruent_labellings(model.clouds, mirror=False).proper]))
     told = weigh_likeness(model, judged)
     assert told.log_odds < judged.log_odds.max() - 6.0
     assert np.abs(told.log_factors(judged.fit.assignments[:1])).max(initial=0.0) < 0.1

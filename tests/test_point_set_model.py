@@ -129,7 +129,7 @@ def test_what_is_counted_is_what_is_integrated() -> None:
     n, n_target = 6, len(target)
     for m in (3, 5):
         assignment = np.where(np.arange(n) < m, np.arange(n), -1)[None]
-        judged = model.judged(assignment)
+        judged = model.judge(assignment)
         counted = float((judged.log_odds - model.log_density(judged.fit) - model.log_factors(judged.fit)[0])[0])
         counted += model.log_volume
         hidden = judged.fit.assignments < 0
@@ -260,7 +260,7 @@ def test_a_reflection_counts_where_it_is_allowed() -> None:
     source, target, _ = scene(np.random.default_rng(3).uniform(-20.0, 20.0, (6, 3)), 0)
     clouds = clouds_of(source, target * [-1.0, 1.0, 1.0], 0.4)
     everything = np.array(list(itertools.permutations(range(6))))
-    odds = {mirror: PointSetModel(clouds, mirror).judged(everything).log_odds for mirror in (False, True)}
+    odds = {mirror: PointSetModel(clouds, mirror).judge(everything).log_odds for mirror in (False, True)}
     assert odds[True].max() > 20.0
     assert odds[False].max() < -20.0
 
@@ -281,9 +281,9 @@ def test_posterior_is_the_sum_over_all_labellings() -> None:
                 if sum(j >= 0 for j in one) >= 3 and len({j for j in one if j >= 0}) == sum(j >= 0 for j in one)
             ]
         )
-        odds = model.judged(every).log_odds
+        odds = model.judge(every).log_odds
         expected = np.exp(odds - np.logaddexp(logsumexp(odds), np.log(1.0 / PRESENT - 1.0)))
-        found = weigh_point_set_posterior(model, model.judged(congruent_labellings(model.clouds, False).proper))
+        found = weigh_point_set_posterior(model, model.judge(congruent_labellings(model.clouds, False).proper))
         shares = {one.tobytes(): share for one, share in zip(found.assignments, found.probabilities, strict=True)}
         for k in np.argsort(-expected)[:4]:
             assert shares.get(every[k].tobytes(), 0.0) == pytest.approx(expected[k], abs=0.02)

@@ -53,7 +53,7 @@ def test_the_odds_are_the_evidence_of_points_that_are_off_with_all_that_is_near(
     assert odds is not None
     for error, told in zip(ERRORS[2:] * body_radius(tree), odds[2:], strict=True):
         wide = PointSetModel(clouds.off_by(np.full(4, error)))
-        assert told == pytest.approx(float(wide.judged(np.arange(4)[None]).log_odds[0]) - mass, abs=1e-6)
+        assert told == pytest.approx(float(wide.judge(np.arange(4)[None]).log_odds[0]) - mass, abs=1e-6)
     assert odds[2] > 2.0, "a target beside the place of the fourth is nothing by chance"
     taken = np.arange(8) == 3
     assert log_odds_of_errors(model, own, mass, taken) is None, "it is a marker of another body"
@@ -99,7 +99,7 @@ def test_the_odds_of_a_mirror_image_are_its_evidence() -> None:
     model, own = PointSetModel(clouds), np.array([0, 1, 2, -1, -1])
     mass = float(model.judge_one(own).log_odds[0])
     told = log_odds_of_reflection(model, own, mass)
-    every = float(PointSetModel(clouds, mirror=True).judged(np.arange(5)[None]).log_odds[0])
+    every = float(PointSetModel(clouds, mirror=True).judge(np.arange(5)[None]).log_odds[0])
     assert told == pytest.approx(every + math.log(MIRRORED) - mass, abs=1e-6)
     assert told > 20.0
     taken = np.isin(np.arange(9), (3, 4))

@@ -69,7 +69,7 @@ def test_what_the_best_labelling_leaves_repeats_the_targets() -> None:
     source, target, truth = rooms(10)
     model = PointSetModel(clouds_of(source, target))
     proposals = np.concatenate([truth[None], congruent_labellings(model.clouds, False).proper])
-    judged = model.judged(proposals)
+    judged = model.judge(proposals)
     assert judged.log_odds.argmax() > 0  # against clutter anywhere, another labelling is better
     found = find_repetition(model, judged)
     assert found is not None
@@ -86,7 +86,7 @@ def test_the_image_of_an_object_repeats_as_it_does_itself() -> None:
     rng = np.random.default_rng(3)
     grid = np.stack(np.meshgrid(np.arange(4.0), np.arange(3.0)), axis=2).reshape(-1, 2)
     model = PointSetModel(clouds_of(grid, grid + rng.normal(0.0, SIGMA, grid.shape)))
-    judged = model.judged(congruent_labellings(model.clouds, False).proper)
+    judged = model.judge(congruent_labellings(model.clouds, False).proper)
     assert (judged.fit.assignments[judged.log_odds.argmax()] >= 0).all()
     found = find_repetition(model, judged)
     assert found is not None
@@ -101,7 +101,7 @@ def test_points_that_do_not_repeat_have_no_repetition() -> None:
     rng = np.random.default_rng(4)
     source, target, _ = halves(rng.uniform(0.0, 10.0, (30, 2)), 7.0, 3.0, rng)
     model = PointSetModel(clouds_of(source, target))
-    judged = model.judged(congruent_labellings(model.clouds, False).proper)
+    judged = model.judge(congruent_labellings(model.clouds, False).proper)
     assert find_repetition(model, judged) is None
 
 

@@ -60,7 +60,7 @@ def test_sums_over_labellings_have_regions_in_them() -> None:
     without = np.tile(truth, (len(seen), 1))
     without[np.arange(len(seen)), seen] = -1
     every = np.concatenate([truth[None], without])
-    odds = model.judged(every).log_odds
+    odds = model.judge(every).log_odds
     sums = sum_labellings(model, every, np.exp(odds - odds.max()))
     assert sums is not None
     shares = np.log(sums.shares(every))

@@ -99,7 +99,7 @@ def test_equal_axes_are_one_number() -> None:
     clouds = clouds_of(rng, 7, 3, (0.2 * sigma, sigma))
     labellings = np.array([[0, 1, 2, 3, 4, 5, 6], [0, 1, 2, 3, 4, 5, -1], [1, 0, 2, 3, 4, 5, 6]])
     one, whole = PointSetModel(clouds.with_means), PointSetModel(with_equal_axes(clouds))
-    first, second = one.judged(labellings), whole.judged(labellings)
+    first, second = one.judge(labellings), whole.judge(labellings)
     np.testing.assert_allclose(first.log_odds, second.log_odds, atol=0.01)
     np.testing.assert_allclose(first.fit.covariance[:2], second.fit.covariance[:2], rtol=1e-3, atol=1e-8)
     sums = [sum_labellings(model, labellings, np.array([1.0, 0.1, 1e-9])) for model in (one, whole)]
@@ -174,8 +174,8 @@ def test_labellings_that_two_motions_share_count_once() -> None:
     every = np.array(list(itertools.product(range(-1, 7), repeat=4)))
     used = np.sort(every, axis=1)
     distinct = ~((used[:, 1:] == used[:, :-1]) & (used[:, 1:] >= 0)).any(axis=1)
-    odds = logsumexp(model.judged(every[distinct & ((every >= 0).sum(axis=1) >= 3)]).log_odds)
-    found = weigh_point_set_posterior(model, model.judged(congruent_labellings(model.clouds, False).proper))
+    odds = logsumexp(model.judge(every[distinct & ((every >= 0).sum(axis=1) >= 3)]).log_odds)
+    found = weigh_point_set_posterior(model, model.judge(congruent_labellings(model.clouds, False).proper))
     assert found.present < 1.0 / (1.0 + np.exp(-odds)) + 0.2
 
 

@@ -203,7 +203,7 @@ class Match:
         points and detections that the others leave, and in two views that of all of them together. None if the problem
         fits no poses, and for the paper's residuals.
         """
-        return self._told("probability", np.prod)
+        return self._combined("probability", np.prod)
 
     @cached_property
     def confidence(self) -> Floats:
@@ -224,9 +224,9 @@ class Match:
     @cached_property
     def log_odds(self) -> float | None:
         """Log-odds of the match against clutter alone, 0.0 if nothing is matched; None if `probability` is."""
-        return self._told("log_odds", np.sum)
+        return self._combined("log_odds", np.sum)
 
-    def _told(self, name: str, of_bodies: Callable[[list[float]], Any]) -> float | None:
+    def _combined(self, name: str, of_bodies: Callable[[list[float]], Any]) -> float | None:
         """A number of the finding, or of all bodies together; None if there is none."""
         own = getattr(self.finding, name)
         if own is None and self.bodies and None not in (known := [getattr(one, name) for one in self.bodies.values()]):

@@ -30,9 +30,9 @@ def calibration_jacobian(camera: CameraModel, points: Floats) -> Floats:
     does not see a point they mean nothing.
     """
     if not isinstance(camera, RigImage):
-        return _of_one(camera, points)
+        return _camera_jacobian(camera, points)
     each = [
-        _of_one(own, camera.to_camera_frame(points, k), turned, moved)
+        _camera_jacobian(own, camera.to_camera_frame(points, k), turned, moved)
         for k, (own, turned, moved) in enumerate(
             zip(camera.rig.cameras, camera.rig.rotation_noise, camera.rig.position_noise, strict=True)
         )
@@ -44,7 +44,7 @@ def calibration_jacobian(camera: CameraModel, points: Floats) -> Floats:
     return whole
 
 
-def _of_one(camera: CameraModel, points: Floats, turned: float = 0.0, moved: float = 0.0) -> Floats:
+def _camera_jacobian(camera: CameraModel, points: Floats, turned: float = 0.0, moved: float = 0.0) -> Floats:
     """See `calibration_jacobian`; ``turned``, ``moved``: standard deviations of a camera's pose in its rig.
 
     A camera turns about its centre, and errors are those of its frame: x = Exp(ω) (R x_rig + t) + τ.

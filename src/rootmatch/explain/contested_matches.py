@@ -76,7 +76,7 @@ def space_claims(model: PointSetModel, own: Integers) -> Claims:
     if (own >= 0).sum() <= FEWEST:
         return _without_rivals(own)
     squared, variance = model.fit(_with_each_left_out(own)).squares()
-    return _claims(own, squared / variance, model.allowed, lambda rows, _: model.judged(rows).log_odds)
+    return _claims(own, squared / variance, model.allowed, lambda rows, _: model.judge(rows).log_odds)
 
 
 def _without_rivals(own: Integers) -> Claims:

@@ -86,14 +86,14 @@ class _Continued:
         allowed = None if self.free.all() else np.tile(self.free, (labels.shape[1], 1))
         for _ in range(ROUNDS):
             labels = grow_labellings(clouds, labels, self.body.mirror, allowed)
-        found = self.whole.judged(labels)
+        found = self.whole.judge(labels)
         best = int(found.log_odds.argmax())
         instead = float(found.log_odds[best])
         more = labels[best, len(assignment) :]
         more = np.where(self.beyond & (more >= 0) & left[more], more, -1)
         if not (more >= 0).any():
             return -math.inf, instead
-        both = self.whole.judged(np.concatenate([assignment, more])[None])
+        both = self.whole.judge(np.concatenate([assignment, more])[None])
         outside = replace(both.fit, clouds=self.outside.clouds, assignments=more[None, self.beyond])
         shown = (
             _log_shown_chance(self.body, one.fit)

@@ -141,7 +141,7 @@ def try_mistakes(match: Any, judge: Callable[[Finding], Any], max_seconds: float
         if seconds <= 0.0:
             break
 
-        def tried(change: Change, until: Deadline) -> Any:
+        def try_change(change: Change, until: Deadline) -> Any:
             options = replace(match.task.options, max_seconds=max(until.left(), 0.0), progress=None)
             with warnings.catch_warnings():  # of what the user did not give
                 warnings.simplefilter("ignore", InputWarning)
@@ -149,9 +149,9 @@ def try_mistakes(match: Any, judge: Callable[[Finding], Any], max_seconds: float
 
         try:
             until = Deadline(seconds)
-            trial = _trial(mistake, tried(mistake.change, until))
+            trial = _trial(mistake, try_change(mistake.change, until))
             if trial in Diagnosis(given, (trial,)).fits and mistake.rivals:
-                others = [_trial(mistake, tried(change, until)).log_odds or 0.0 for change in mistake.rivals]
+                others = [_trial(mistake, try_change(change, until)).log_odds or 0.0 for change in mistake.rivals]
                 trial = replace(trial, borne_out=(trial.log_odds or 0.0) > max(others) + LEAD)
             trials.append(trial)
         except InputError:  # such as pixels where the changed lens shows nothing

@@ -80,7 +80,7 @@ def _find_displaced_in_set(found: Finding, taken: Bools | None) -> list[Displace
     for point in np.flatnonzero((assignment < 0) & near & apart):
         own = np.where(np.arange(n) == point, nearest, assignment)
         clouds = [model.clouds.off_by(np.where(np.arange(n) == point, error, 0.0)) for error in errors]
-        odds = [float(replace(model, clouds=one_off).judged(own[None]).log_odds[0]) for one_off in clouds]
+        odds = [float(replace(model, clouds=one_off).judge(own[None]).log_odds[0]) for one_off in clouds]
         if LOG_OFF - math.log(n) + float(np.logaddexp.reduce(odds)) - float(one.log_odds[0]) >= MINIMUM:
             out.append(Displaced(int(point), nearest[point : point + 1], float(away[point].min())))
     return out

@@ -118,11 +118,11 @@ class Finding:
         """Of which a model of the image tells the assignment; a prediction that holds is part of it."""
         if self.fitted is not None or not self.is_posed:
             return self.fitted
-        told, model = self.judged
+        told, model = self.posterior_and_model
         return mode_pose(model, told.modes, self.mode)
 
     @property
-    def judged(self) -> tuple[Posterior, DetectionModel]:
+    def posterior_and_model(self) -> tuple[Posterior, DetectionModel]:
         """The posterior of which it is told, and the model of the image: of a finding that has both."""
         assert self.posterior is not None
         assert self.model is not None

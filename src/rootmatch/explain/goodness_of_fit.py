@@ -56,8 +56,8 @@ class Misfit(NamedTuple):
         return cls((NOISE_FREEDOM + chi2) / (NOISE_FREEDOM + freedom), sigma, freedom, moved=moved)
 
     @classmethod
-    def told_by(cls, found: Finding) -> Misfit | None:
-        """What a finding tells of its residuals; None if that is nothing."""
+    def of_finding(cls, found: Finding) -> Misfit | None:
+        """The misfit of a finding; None if nothing is known of its residuals."""
         if (factor := found.noise_factor) is None:
             return None
         return cls(factor**2, factor, found.noise_dof, found.alike, found.another, found.moved)

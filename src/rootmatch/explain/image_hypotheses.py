@@ -104,7 +104,7 @@ class Candidate:
             return empty_proposals(self.task.rows)
         return join_proposals([rough_fits(self.model, rows), propose_few_matched(self.model, rows)])
 
-    def fitted(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
+    def fit(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
         """Assignments (K, n) at the best poses that lead on from these, and their evidence."""
         return fit_assignments(self.model, assignments)
 

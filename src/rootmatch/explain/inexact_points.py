@@ -45,7 +45,7 @@ def allow_point_errors(found: Finding, task: MatchingTask, *, missed: float = 0.
     """A finding of one body by `image_finding`, or that with points which are off, where these explain more."""
     if found.alike is None and not (found.noise_factor or 0.0) > 1.0:
         return found  # as it nearly always is
-    model, misfit = found.model, Misfit.told_by(found)
+    model, misfit = found.model, Misfit.of_finding(found)
     by_fit = misfit is not None and misfit.sigma > 1.0
     exact = task.points.source_covariance is None and not task.noise_is_estimated and task.problem.takes_source_noise
     if model is None or misfit is None or not (by_fit or misfit.alike is not None) or not exact:
@@ -69,7 +69,7 @@ def _assume_point_errors(found: Finding, task: MatchingTask, missed: float, befo
 
     ``before``: log-odds (OWN,) of such errors; ``which``: of them the most probable.
     """
-    _, model = found.judged
+    _, model = found.posterior_and_model
     error = float(ERRORS[which]) * body_radius(task.points.source)
     body = _make_inexact_body(found, task, error)
     # in one image `_inexact_probability` counts what is beside points without a match
@@ -90,7 +90,7 @@ def _average_error_sizes(again: Finding, task: MatchingTask, exact: DetectionMod
     The few of `ERRORS` decide what is in view. How large the errors are is what the matches tell; but as a pose takes
     up what is off alike, they are as large as decided (``minimum``) or larger. ``exact``: the model without errors.
     """
-    told, _ = again.judged
+    told, _ = again.posterior_and_model
     modes, k, sizes = told.modes, again.mode, SIZES * exact.radius
     own = modes.take(slice(k, k + 1))
     pose = own.assignments, own.rotation, own.position
@@ -119,7 +119,7 @@ def error_gains(found: Finding) -> Floats:
     """
     if found.labellings is not None:
         return _set_error_gains(found)
-    model, misfit = found.model, Misfit.told_by(found)
+    model, misfit = found.model, Misfit.of_finding(found)
     if model is None or misfit is None or not misfit.dof:
         return np.zeros(OWN)
     residuals = misfit.squared, misfit.moved
@@ -150,7 +150,7 @@ def noise_factor(found: Finding) -> float | None:
 
 def _make_inexact_body(found: Finding, task: MatchingTask, sigma: float) -> Candidate:
     """The body with points that are off, in the poses that were found for it as given, and about predicted ones."""
-    told, model = found.judged
+    told, model = found.posterior_and_model
     task = copy_with(task, points=task.problem.with_source_noise(task.points, sigma))
     body = Candidate(task, perturb_points(model, sigma), empty_modes(task.rows))
     predicted = propose_predicted(body.model)
@@ -165,9 +165,9 @@ def _inexact_probability(found: Finding, again: Finding, before: Floats, which: 
     Either may have errors that are independent or smooth. ``before``: log-odds (OWN,) of errors of the body;
     ``which``: of them those of ``again``.
     """
-    misfit = Misfit.told_by(found)
+    misfit = Misfit.of_finding(found)
     assert misfit is not None
-    (told, model), (after, _) = found.judged, again.judged
+    (told, model), (after, _) = found.posterior_and_model, again.posterior_and_model
     modes = told.modes
     elsewhere = ((modes.assignments >= 0) & (modes.assignments != again.assignment)).any(axis=1)
     errors = ERRORS * model.radius

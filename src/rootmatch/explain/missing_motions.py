@@ -158,7 +158,7 @@ def search_rest(
     detections = np.setdiff1d(np.arange(alone.shape[1]), assignment[assignment >= 0])
     few = np.zeros(0)
     if missing:
-        few = math.exp(PRESENT_ODDS) * _shown_distribution(len(points), alone.options.detection_rate)
+        few = math.exp(PRESENT_ODDS) * _detected_count_distribution(len(points), alone.options.detection_rate)
         few = few[: min(alone.minimal, len(detections)) + 1]
     if min(len(points), len(detections)) < alone.problem.order:
         return Rest(points, detections, None, few, max(missing, 1))
@@ -167,7 +167,7 @@ def search_rest(
     return Rest(points, detections, told, few, max(missing, 1))
 
 
-def _shown_distribution(count: int, rate: float | None) -> Floats:
+def _detected_count_distribution(count: int, rate: float | None) -> Floats:
     """Probability (count + 1,) that so many of some points are detected: any number alike, unless the rate is known."""
     if rate is None:
         return np.full(count + 1, 1.0 / (count + 1))

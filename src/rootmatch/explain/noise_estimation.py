@@ -168,7 +168,7 @@ def _scale(match: Finding, members: Integers, sigma: float, known: Sequence[Inte
 
 def _image_scale(task: MatchingTask, assignments: Integers, sigma: float) -> float:
     """As `_scale`, from the assignment (of K, n) whose pose explains most, each with the noise about its own pose."""
-    proposals, found, _ = make_candidate(task, []).fitted(assignments)
+    proposals, found, _ = make_candidate(task, []).fit(assignments)
     scale = np.maximum(found.squared / found.freedom, MINIMUM**2)
     if task.points.source_covariance is not None:
         scale = np.array([_scale_given_source(task, proposals.take(np.array([k])), sigma) for k in range(len(scale))])

@@ -120,7 +120,7 @@ def _search_labellings(
 
 def judge_determined(model: PointSetModel, labellings: Integers) -> Judged:
     """Labellings (K, n), those that determine a motion."""
-    return model.judged(labellings[(labellings >= 0).sum(axis=1) >= FEWEST])
+    return model.judge(labellings[(labellings >= 0).sum(axis=1) >= FEWEST])
 
 
 def _judge_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
@@ -131,7 +131,7 @@ def _judge_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None
     every = np.array(named)
     if not (every >= 0).all():
         every = grow_labellings(model.clouds, _add_symmetric(task, every), model.mirror, task.allowed)
-    judged = model.judged(every)
+    judged = model.judge(every)
     if not is_motion_search_needless(model, judged):
         return None
     # a part of the source that is like another one explains less, and tells nothing of where this one is

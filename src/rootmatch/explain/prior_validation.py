@@ -41,7 +41,7 @@ class Rivals(NamedTuple):
     """Numbers of the predictions that are narrowed by single matches if they are wide, which takes as long as a search;
     all where not given."""
 
-    def given(self, known: PosePrior) -> Rivals:
+    def with_knowledge(self, known: PosePrior) -> Rivals:
         """The same poses with partial knowledge."""
         return self._replace(poses=tuple((known.with_prediction(pose), share) for pose, share in self.poses))
 

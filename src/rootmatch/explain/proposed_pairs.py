@@ -106,7 +106,7 @@ class _Search:
         best, chance = self._best_hypothesis(rows)
         if best is None:
             return None, 0.0
-        group, near = self._fitted(rows, best)
+        group, near = self._fit_group(rows, best)
         evidence = self._evidence(int((group >= 0).sum()), len(rows), chance)
         self.left[near] = False
         if (group >= 0).sum() <= self.task.problem.order or evidence <= 0.0:
@@ -158,7 +158,7 @@ class _Search:
             squared = ((self.camera.project(placed) - self.pixels[rows]) ** 2).sum(axis=-1)
         return np.asarray((placed[..., 2] > 0.0) & (squared <= (GATE * self.sigma[rows]) ** 2))
 
-    def _fitted(self, rows: Integers, pose: tuple[Floats, Floats]) -> tuple[Integers, Integers]:
+    def _fit_group(self, rows: Integers, pose: tuple[Floats, Floats]) -> tuple[Integers, Integers]:
         """The assignment that agrees with a pose fitted to it, and all pairs near it."""
         rotation, t = pose
         with np.errstate(all="ignore"):

@@ -69,8 +69,8 @@ class ZoomCandidate(Candidate):
         """See `Candidate.proposals`: the lowest fits of each."""
         return self._pose_fits(select_determined(self.task, assignments), ROUGH_STEPS, VALLEYS)
 
-    def fitted(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
-        """See `Candidate.fitted`: each at several poses."""
+    def fit(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
+        """See `Candidate.fit`: each at several poses."""
         return refit_proposals(self.model, self.proposals(list(assignments)))
 
     def twins(self, modes: Modes) -> Proposals:

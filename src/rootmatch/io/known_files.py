@@ -82,14 +82,14 @@ class KnownPoses:
                 "out here"
             )
         self._asked.append(asked)
-        given = {body: told for body, mine in self.rows.items() if (told := self._told(mine, asked)) is not None}
+        given = {body: told for body, mine in self.rows.items() if (told := self._knowledge(mine, asked)) is not None}
         self._used.update(row for rows, _ in given.values() for row in rows)
         self._between += any(len(rows) > 1 for rows, _ in given.values())
         self._untold += not given
         found = {body: prior for body, (_, prior) in given.items()}
         return found.get(None, found or None)
 
-    def _told(self, rows: list[KnownRow], asked: float) -> tuple[tuple[int, ...], PosePrior] | None:
+    def _knowledge(self, rows: list[KnownRow], asked: float) -> tuple[tuple[int, ...], PosePrior] | None:
         """The rows that tell of a frame, and what."""
         if self.column is None:
             return (rows[0].row,), rows[0].prior

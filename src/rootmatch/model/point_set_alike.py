@@ -135,7 +135,7 @@ def _weigh_width(
     """
     checkpoint()
     wide = replace(model, repeated=model.clutter, clouds=model.clouds.off_by(width))
-    judged = wide.judged(grow_about(wide, found.fit.assignments, model.allowed))
+    judged = wide.judge(grow_about(wide, found.fit.assignments, model.allowed))
     best = judged.take(np.argsort(-judged.log_odds, kind="stable")[: 2 * RIVALS])
     labels, first = best.fit.assignments, found.fit.assignments[0]
     fewer = np.minimum((labels >= 0).sum(axis=1), int((first >= 0).sum()))
@@ -168,5 +168,5 @@ def _weigh_target_parts(model: PointSetModel, labels: Integers, which: Bools) ->
     odds = np.full(enough.shape, -np.inf)
     if enough.any():  # many are the same
         distinct, number = np.unique(parts[enough], axis=0, return_inverse=True)
-        odds[enough] = model.judged(distinct).log_odds[number]
+        odds[enough] = model.judge(distinct).log_odds[number]
     return np.asarray(np.logaddexp.reduce(odds, axis=-1))

@@ -81,7 +81,7 @@ def judge_jointly(models: Sequence[PointSetModel], named: Sequence[Sequence[Inte
     judged = []
     for model, (rows, points) in zip(models, bodies, strict=True):
         one = fit.of_body(rows, points, model.clouds)
-        judged.append(model.judged(one.assignments, one, None if factors is None else factors[:, rows]))
+        judged.append(model.judge(one.assignments, one, None if factors is None else factors[:, rows]))
     return judged
 
 
@@ -148,7 +148,7 @@ def _add_partial_labellings(model: PointSetModel, found: Weighed, k: int, uses: 
     _, parts = remaining_parts(found.assignments, others, np.asarray(shared), FEWEST)
     if not len(parts):
         return found
-    more = model.judged(parts)
+    more = model.judge(parts)
     return found._replace(
         assignments=np.concatenate([found.assignments, more.fit.assignments]),
         log_odds=np.concatenate([found.log_odds, more.log_odds - more.known]),

@@ -152,7 +152,7 @@ class PointSetModel:
         """The motion of each assignment (K, n)."""
         return fit_point_sets(self.clouds, assignments, self.mirror)
 
-    def judged(self, assignments: Integers, fit: PointSetFit | None = None, factors: Floats | None = None) -> Judged:
+    def judge(self, assignments: Integers, fit: PointSetFit | None = None, factors: Floats | None = None) -> Judged:
         """Each assignment (K, n) with its motion and log-odds; what `fit` and `log_factors` say, unless it is given."""
         fit = self.fit(assignments) if fit is None else fit
         factors = self.log_factors(fit) if factors is None else factors
@@ -172,7 +172,7 @@ class PointSetModel:
         """The same of one assignment (n,), for which several stages ask."""
         key = assignment.tobytes()
         if key not in self._kept:
-            self._kept[key] = self.judged(assignment[None])
+            self._kept[key] = self.judge(assignment[None])
         return self._kept[key]
 
     def keep(self, first: Judged) -> None:

@@ -52,7 +52,7 @@ def log_odds_of_errors(
     out = np.full(len(errors), -np.inf)
     for k in np.flatnonzero(float(judged.log_odds[0]) - log_mass + maximum + MORE + LOG_PRIOR >= MINIMUM).tolist():
         wide = replace(model, repeated=model.clutter, clouds=clouds.off_by(np.full(len(assignment), errors[k])))
-        out[k] = wide.judged(grow_about(wide, assignment[None], allowed)).log_odds.max() - log_mass
+        out[k] = wide.judge(grow_about(wide, assignment[None], allowed)).log_odds.max() - log_mass
     return out if np.isfinite(out).any() else None
 
 

@@ -79,7 +79,7 @@ def find_repetition(model: PointSetModel, proposals: Judged) -> Repeated | None:
     without, with_it = (
         float(one.log_density_of_taken(every, np.zeros(every.shape))[0]) for one in (model.clutter, found[0])
     )
-    return Repeated(own, own.judged(proposals.fit.assignments), with_it - without - found[1])
+    return Repeated(own, own.judge(proposals.fit.assignments), with_it - without - found[1])
 
 
 def select_rival_motions(found: Judged, minimum: float = 0.0, maximum: int = RIVALS) -> Integers:
@@ -208,7 +208,7 @@ def add_displaced(model: PointSetModel, proposals: Judged) -> Judged:
         more = _label_about(model, (away[:, None] @ at).reshape(-1, *first.shape[1:]))
         more = more[[bytes(one) not in known for one in more]]
         known.update(map(bytes, more))
-        judged = model.judged(more)
+        judged = model.judge(more)
         last = judged.take(select_rival_motions(judged, maximum=DISPLACED))
         if not len(last.log_odds):
             break

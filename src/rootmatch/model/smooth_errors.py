@@ -58,14 +58,14 @@ class _Off(NamedTuple):
         while True:
             checkpoint()
             found = weigh_assignments(self.model, assignment[None], self.at)
-            fit = self._fitted(assignment, found)
+            fit = self._fit(assignment, found)
             best = max(best, float(found.log_odds[0]) + fit.gained)
             more = self._extend_surest(assignment, fit, found.visible[0])
             if (more == assignment).all():
                 return best
             assignment = more
 
-    def _fitted(self, assignment: Integers, found: Evidence) -> Reweighed:
+    def _fit(self, assignment: Integers, found: Evidence) -> Reweighed:
         """The best pose of an assignment; ``found``: its evidence with independent errors."""
         used = assignment >= 0
         image = assignment[used]

@@ -162,7 +162,7 @@ def weigh_labellings(
                     new.append(other)
         if not new:
             break
-        found = found.joined(model.judged(np.array(new)))
+        found = found.joined(model.judge(np.array(new)))
     if found is not kept:
         found = _select_best(found, of_several)
         model.keep(found.take(slice(1)))
@@ -254,5 +254,5 @@ def _best_mirror_image(
 
 def reflected_log_odds(model: PointSetModel, labellings: Integers) -> Floats:
     """Log-odds (M,) of labellings (M, n) by reflections; −∞ where a rotation fits one better."""
-    image = replace(model, mirror=True).judged(labellings)
+    image = replace(model, mirror=True).judge(labellings)
     return np.where(np.linalg.det(image.fit.rotation) < 0.0, image.log_odds, -np.inf)

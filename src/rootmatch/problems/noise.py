@@ -177,7 +177,7 @@ def add_model_noise(points: PointSets, camera: CameraModel) -> PointSets:
     if points.source_covariance is None:
         return points
     own, total = points.detection_noise, points.detection_noise.copy()
-    far = FARTHER * _shown_size(points.source)
+    far = FARTHER * _apparent_size(points.source)
     relative = float(np.sqrt((mean_deviation(points.source_covariance) ** 2).mean())) / far
     for rows, (seen, spread, per_pixel) in _spread_by_camera(camera, points.target):
         total[rows[seen]] = np.hypot(own[rows[seen]], relative * spread / per_pixel)
@@ -191,7 +191,7 @@ def add_calibration_noise(points: PointSets, camera: CameraModel, axes: Floats) 
     The body is as far as it would spread like the detections, as `add_model_noise` takes it to be, or as the cameras of
     a rig are apart if that is farther: whatever leaves more. ``axes`` (a, 3): about which it may turn.
     """
-    size, apart = _shown_size(points.source), _shown_size(camera.centres) if isinstance(camera, Rig) else 0.0
+    size, apart = _apparent_size(points.source), _apparent_size(camera.centres) if isinstance(camera, Rig) else 0.0
     spread = max(spread for _, (_, spread, _) in _spread_by_camera(camera, points.target))
     minimum = size / spread if spread > 0.0 else size
     distances = sorted({max(distance, apart) for distance in (minimum, FARTHER * minimum)})
@@ -210,7 +210,7 @@ def add_detection_noise(points: PointSets, variances: Floats) -> PointSets:
     )
 
 
-def _shown_size(source: Floats) -> float:
+def _apparent_size(source: Floats) -> float:
     """Size of a body in an image at unit distance, as two of three coordinates show it."""
     centred = source - source.mean(axis=0)
     return float(np.sqrt(2.0 / 3.0 * (centred**2).sum(axis=1).mean()))

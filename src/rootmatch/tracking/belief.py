@@ -233,7 +233,7 @@ class Belief:
 
     def _follow(self, found: Finding, weighed: WeighedModes, after: list[Step], time: float) -> None:
         """Follow the likeliest of the hypotheses that may be ``after`` a frame, the most probable first."""
-        (told, model), modes, origin = found.judged, weighed.modes, weighed.origin
+        (told, model), modes, origin = found.posterior_and_model, weighed.modes, weighed.origin
         # no frame makes more of a place than it is, so one that is less probable than a wrong model never counts
         minimum = [math.log(WRONG_MODEL) if one.place != after[0].place else -NEGLIGIBLE for one in after]
         likely = [one for one, gap in zip(after, minimum, strict=True) if one.total > after[0].total + gap][:MAXIMUM]
@@ -300,7 +300,7 @@ class Belief:
 
     def _advance(self, step: Step, found: Finding, modes: Modes, time: float, seen: bool) -> FollowedPose:
         """The hypothesis that a step leads to; ``seen``: whether the body is where it is followed."""
-        _, model = found.judged
+        _, model = found.posterior_and_model
         if step.mode is None:
             return copy_with(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
         pose = average_pose(model, modes, step.mode)
@@ -316,7 +316,7 @@ class Belief:
             last = self.poses[step.origin]
             moving = last.filter.copy()
             moving.update(pose, time, step.chance)
-        misfit = Misfit.told_by(found) if step.mode == found.mode else None
+        misfit = Misfit.of_finding(found) if step.mode == found.mode else None
         misfit = misfit or mode_misfit(model, modes, step.mode)
         stands = found.status is Status.MATCHED or math.isfinite(step.weighed)
         shows = stands + (last.shows if step.origin >= 0 and last.filter.time == self.time else 0)
@@ -324,7 +324,7 @@ class Belief:
         log_other = update_identity(before, misfit, TEMPER, len(model.images) > 1)
         # what the caller knows counts as well where a body is found
         k = step.mode
-        told = last.told_with(lambda: sole_odds_of(model, modes, k) if self.poses else float(modes.log_mass[k]))
+        told = last.log_odds_with(lambda: sole_odds_of(model, modes, k) if self.poses else float(modes.log_mass[k]))
         return copy_with(
             last, filter=moving, log_weight=step.log_weight, shown=step.shown, log_other=log_other, place=step.place,
             alone=step.alone, weighed=step.weighed, shows=shows, told=told, frames=last.frames + 1,

@@ -66,7 +66,7 @@ def _seen_chance(followed: FollowedPose, found: Finding) -> float:
     model, told = found.model, found.posterior
     if model is None or told is None or found.labellings is not None:
         return 1.0
-    return probability(PRESENT_ODDS + followed.told_with(lambda: sole_odds_of(model, told.modes, found.mode)))
+    return probability(PRESENT_ODDS + followed.log_odds_with(lambda: sole_odds_of(model, told.modes, found.mode)))
 
 
 def drop_doubtful(found: Finding, weighed: Finding) -> Finding:

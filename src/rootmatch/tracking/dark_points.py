@@ -131,7 +131,7 @@ class DarkPoints:
             self.frames, self.more, self.elsewhere = min(self.frames + 1, REMEMBERED), FLOOR, []
             self.left += (_count_about(found) - self.left) / self.frames
             return
-        shown = found.judged[0].modes.visible[found.mode].reshape(matched.shape)[:, dark].sum()
+        shown = found.posterior_and_model[0].modes.visible[found.mode].reshape(matched.shape)[:, dark].sum()
         own, usual = USUAL_RATE * float(shown), self.left + 0.5
         gained = self._count_again(found) * math.log1p(own / usual) - own
         maximum = np.count_nonzero(dark) * math.log(ANOTHER / (1.0 - USUAL_RATE))
@@ -142,7 +142,7 @@ class DarkPoints:
 
         What does not move as the body does takes all back that was told of it.
         """
-        told, model = found.judged
+        told, model = found.posterior_and_model
         seen, count = seen_elsewhere(model, told.modes, found.mode), 0
         for place, covariance, sightings in seen:
             mean, frames = place, 1
@@ -162,7 +162,7 @@ class DarkPoints:
 
 def _count_about(found: Finding) -> int:
     """Number of detections without a match that may be points of the body, if these are elsewhere on it."""
-    told, model = found.judged
+    told, model = found.posterior_and_model
     left, own = np.ones(model.shape[1], np.bool_), slice(found.mode, found.mode + 1)
     left[told.modes.assignments[own][told.modes.assignments[own] >= 0]] = False  # also what is doubtful
     if not left.any():

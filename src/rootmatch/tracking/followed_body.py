@@ -339,5 +339,5 @@ def _is_enough(found: Finding, of_several: bool = False) -> bool:
     """Whether no pose elsewhere could explain more than what was found; see `is_search_needless`."""
     if found.task.problem.takes_motion_prior:
         return True  # two point sets: every motion was weighed
-    told, model = found.judged
+    told, model = found.posterior_and_model
     return is_search_needless(model, told, found.task.minimal, of_several=of_several)

@@ -42,7 +42,7 @@ class FollowedPose:
     which the place was trusted, or weighed among several; ``weighed``: `log_weight` by which it was weighed last.
     ``since``: when the place was found; ``log_absent``: log-odds that the body was not in view then. ``unfollowed``:
     probability, if the body is in that place, of poses that a frame left possible there and that are not followed.
-    ``told``: log-odds of what it shows against clutter that persists, by ``frames``; see `told_with`.
+    ``told``: log-odds of what it shows against clutter that persists, by ``frames``; see `log_odds_with`.
     """
 
     filter: MotionFilter
@@ -68,7 +68,7 @@ class FollowedPose:
         """``alone`` after a frame that tells log-odds by itself, if none did before those."""
         return told if self.alone == -math.inf else self.alone + (told - self.alone) / (1 + self.shows)
 
-    def told_with(self, now: Callable[[], float]) -> float:
+    def log_odds_with(self, now: Callable[[], float]) -> float:
         """``told`` after a frame that tells log-odds by itself, which is asked only if that may matter.
 
         Clutter that persists shows the same in each frame, and which of them tells is unknown: the t-th since it was
@@ -261,7 +261,7 @@ def update_motion(
 
 def _log_other(log_odds: float, found: Finding, weight: float) -> float:
     """Log-odds after a frame that it shows something else, of the body as it most probably is: with points off."""
-    misfit = Misfit.told_by(found)
+    misfit = Misfit.of_finding(found)
     if log_odds <= SURE or misfit is None or not (found.log_odds or 0.0) > 0.0:
         return log_odds
     return update_identity(

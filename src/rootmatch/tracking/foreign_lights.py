@@ -107,7 +107,7 @@ def doubtful_probability(found: Finding, doubtful: Integers, lit: Floats) -> Flo
     Summed are all of them, all but one, one beside the sure matches, and these alone. Where only as many match as
     determine a pose, nothing tells of any: 0. ``lit``: (n,) probability of light, as far as the image does not tell.
     """
-    (told, model), count = found.judged, found.matched_count
+    (told, model), count = found.posterior_and_model, found.matched_count
     if count <= DETERMINE:
         return np.zeros(len(doubtful))
     right, modes, k = _right_patterns(len(doubtful)), told.modes, slice(found.mode, found.mode + 1)

@@ -141,7 +141,7 @@ def unmet_chance(found: Finding, looked: Sequence[int | None]) -> float:
     It has as many sightings as what was found, of as many that are visible, and any of these with the same chance.
     """
     cameras = 1 if found.task.rig is None else len(found.task.rig.views)
-    visible = found.judged[0].modes.visible[found.mode].reshape(cameras, -1)
+    visible = found.posterior_and_model[0].modes.visible[found.mode].reshape(cameras, -1)
     used = (found.assignment >= 0).reshape(cameras, -1)
     each = np.maximum(visible.sum(axis=1).round().astype(int), used.sum(axis=1)).tolist()
     total, matched, few = sum(each), int(used.sum()), range(found.task.minimal + 1)

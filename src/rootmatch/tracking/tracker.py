@@ -260,7 +260,7 @@ max_evaluations
             if body.belief and not isinstance(told, Pose):
                 pose, others = body.predicted(when, None if self.labels is None else frame)
                 if told is not None:
-                    pose, others = told.with_prediction(pose), others.given(told)
+                    pose, others = told.with_prediction(pose), others.with_knowledge(told)
                 poses[label], rivals[label] = pose, others
             elif told is not None:
                 poses[label] = told

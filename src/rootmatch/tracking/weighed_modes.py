@@ -99,7 +99,7 @@ def weigh_modes(
     last that of a new one. ``tempering``: the first mode that continues a hypothesis, and the power of the frame's
     evidence. ``maximum``: that number, before the frame.
     """
-    (told, model), (first, often) = found.judged, tempering
+    (told, model), (first, often) = found.posterior_and_model, tempering
     modes = told.modes.first(LOOKED_AT)
     shown = modes.detected.copy()
     place, alone, more, own = sort_into_places(model, modes, origin, poses, shown)

@@ -147,7 +147,7 @@ class MultiStart:
         bases[np.arange(len(chosen))[:, None], source] = target
         return bases
 
-    def known(self) -> Integers:
+    def found_assignments(self) -> Integers:
         """Assignments found, (F, n)."""
         return np.array([image for image, _ in self.found.values()], np.int64).reshape(-1, self.index.n)
 
@@ -180,7 +180,7 @@ class MultiStart:
             cores, core_values = self.as_cores([pair for key, pair in new.items() if key not in grown])
             grown.update(new)
             before = self.value
-            useful = (core_values > HOPELESS * before) & ~are_cores_covered(cores, self.known())
+            useful = (core_values > HOPELESS * before) & ~are_cores_covered(cores, self.found_assignments())
             if useful.any():
                 self.climb(self.empty, cores[useful], "cores")
             idle = 0 if self.value > before else idle + len(chosen)
@@ -209,7 +209,9 @@ class MultiStart:
         # Fewer, down to a quarter, where an ascent is expensive.
         maximum = self.options.rivals
         count = int(min(maximum, max(maximum / 4, maximum / 2 / self.ascents.effort)))
-        rivals = next_starts(self.candidates, open_, self.known(), self.index.n_target, minimum=order, count=count)
+        rivals = next_starts(
+            self.candidates, open_, self.found_assignments(), self.index.n_target, minimum=order, count=count
+        )
         if rivals.size:
             self.climb(self.empty, self.alone(rivals), "rivals")
 
