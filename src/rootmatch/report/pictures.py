@@ -75,7 +75,7 @@ def match_figure(
     source_names: Sequence[str] | None = None,
     target_names: Sequence[str] | None = None,
     title: str = "",
-    unit: str = "model unit",
+    unit: str | None = None,
 ) -> Figure:
     """Draw a match.
 
@@ -103,8 +103,8 @@ def match_figure(
         Labels of the points; by default their indices.
     title : str
         Title of the picture.
-    unit : str
-        Length unit of the points in space.
+    unit : str, optional
+        Length unit of the points in space; by default it is called that of the model, or of each point set.
 
     Returns
     -------
@@ -128,6 +128,7 @@ def match_figure(
     wrong = np.zeros(len(match), dtype=bool) if true is None else (match >= 0) & (match != true)
 
     in_space, to_space = source.shape[1] == 3, target.shape[1] == 3
+    titles = ("source", "target") if to_space else ("model", "image") if in_space else ("first image", "second image")
     picture = None if photo is None else read_photo(photo)
     frames = [None if in_space else axes_frame(source, None), None if to_space else axes_frame(target, picture)]
     height, places = place_axes(frames)
@@ -136,11 +137,11 @@ def match_figure(
     left: Any = figure.add_axes(places[0], projection="3d" if in_space else None)
     right: Any = figure.add_axes(places[1], projection="3d" if to_space else None)
     if frames[0] is None:
-        show_space(left, source, view_near_camera(source, target, match, labels), unit)
+        show_space(left, source, view_near_camera(source, target, match, labels), unit or f"{titles[0]} unit")
     else:
         show_image(left, frames[0])
     if frames[1] is None:
-        show_space(right, target, DEFAULT_VIEW, unit)
+        show_space(right, target, DEFAULT_VIEW, unit or f"{titles[1]} unit")
     else:
         show_image(right, frames[1])
         right.yaxis.tick_right()
@@ -148,9 +149,6 @@ def match_figure(
         if picture is not None:
             rows, columns = picture.shape[:2]
             right.imshow(picture, extent=(-0.5, columns - 0.5, rows - 0.5, -0.5), cmap="gray", alpha=0.6, zorder=-2)
-    titles = ("model", "image") if in_space else ("first image", "second image")
-    if to_space:
-        titles = ("source", "target")
     for axes, name, place in zip((left, right), titles, places, strict=True):
         if hasattr(axes, "get_proj"):  # the box may reach anywhere but into the corner
             figure.text(place[0] + 0.04, 1.0 - 0.8 * TOP / height, name, fontsize=10)
