@@ -327,6 +327,7 @@ def make_empty_finding(task: MatchingTask, reason: str | None) -> Finding:
         log_odds=told,
         tensor=empty_tensor(task),
         scores=[0.0],
+        soft=np.zeros(task.row_shape),
         reason=reason,
     )
 
