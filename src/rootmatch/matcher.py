@@ -27,6 +27,7 @@ from rootmatch.explain.prior_validation import NONE, Prior, Rivals, check_predic
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_problem
 from rootmatch.hypergraph.affinity import Residual
+from rootmatch.model.widened_prediction import FREEDOM
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import find_repeated
 from rootmatch.problems.noise import check_source_noise
@@ -34,11 +35,6 @@ from rootmatch.problems.points import PointSets
 from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
-
-FREEDOM = 8.0
-"""Degrees of freedom of the covariance of a pose that a tracker predicts, which may be too small. Of 822 bodies in
-three flights of a rig 790 were right with a normal distribution, 816 with 4 and 822 with 8 (benchmarks/flights.py, rig,
-seeds from 1000)."""
 
 
 class Matcher:

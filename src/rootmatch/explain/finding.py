@@ -79,6 +79,8 @@ class Finding:
     """Which mode of ``posterior`` it tells."""
     sequence_factor: float = 1.0
     """Factor on the stated σ that the frames before suggest, with which this one was matched; 1 for a single image."""
+    motion_factor: float = 1.0
+    """Factor on the stated accelerations that the frames suggest, where it is the largest that is believed; else 1."""
     point_error: float = 0.0
     """Standard deviation of the points' coordinates which it takes, though none was stated."""
     unmet: float = 0.0

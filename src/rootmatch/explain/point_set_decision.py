@@ -331,7 +331,7 @@ def _fuse_prior(model: PointSetModel, judged: Judged) -> Pose | None:
         return None
     fit, known = judged.fit, model.prior.predictions[which][0]
     pose = Pose.unchecked(fit.rotation[0], fit.shift[0], motion_covariances(fit)[0], float(fit.scale[0]))
-    return fuse_with_known(add_source_errors(model.clouds, fit.assignments[0], pose), known)
+    return fuse_with_known(add_source_errors(model.clouds, fit.assignments[0], pose), known, model.prior.freedom)
 
 
 def matches_pose(found: Finding) -> Pose | None:

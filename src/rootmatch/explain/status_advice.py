@@ -89,6 +89,8 @@ def advice(
                 f"; judging by the frames so far, the noise is {finding.sequence_factor:.1f} times as large as "
                 "given, or a similar object is followed instead"
             )
+        if finding.motion_factor > 1.0:
+            text += f"; it accelerates {finding.motion_factor:g} times as much as `MotionOptions` say or more: state it"
     if finding.status is not Status.MATCHED and is_detected_twice(finding.task):
         text += (
             f"; most detections have another within {TOGETHER:.0f} σ: if the detector reports each point twice, "

@@ -27,6 +27,7 @@ from rootmatch.algebra.rotation import angle_count, turn_jacobian
 from rootmatch.arrays import Floats, Integers
 from rootmatch.hypergraph.assignment import maximise_total
 from rootmatch.model.pose_density import ROTATIONS
+from rootmatch.model.widened_prediction import find_widening
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, squared_deviations
 from rootmatch.problems.pose_fit.pose import Pose
@@ -187,17 +188,22 @@ def motion_covariances(fit: PointSetFit) -> Floats:
     return np.asarray(change @ whole @ change.swapaxes(1, 2))
 
 
-def fuse_with_known(fit: Pose, known: Pose | PosePrior) -> Pose:
-    """A fitted motion and what is known of it together, to first order; shared errors are those of the fit alone."""
+def fuse_with_known(fit: Pose, known: Pose | PosePrior, freedom: float = math.inf) -> Pose:
+    """A fitted motion and what is known of it together, to first order; shared errors are those of the fit alone.
+
+    ``freedom``: see `MotionPrior`.
+    """
     if isinstance(known, PosePrior):
         return known.with_prediction(fit)
     fit = _correct_scale_bias(fit)
     assert known.covariance is not None
+    assert fit.covariance is not None
     size = len(known.covariance)
     # as `kalman_update` takes it: were it the difference, each frame would add to the scale
     longer = fit.scale * math.log(known.scale / fit.scale)
     off = np.array([*turn_vectors((known.R @ fit.R.T)[None])[0], *(known.t - fit.t), longer])[:size]
-    return kalman_update(fit, np.eye(size), off, known.covariance)
+    factor = find_widening(off, known.covariance, fit.covariance[:size, :size], freedom)
+    return kalman_update(fit, np.eye(size), off, factor * known.covariance)
 
 
 def _correct_scale_bias(fit: Pose) -> Pose:

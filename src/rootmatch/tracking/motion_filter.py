@@ -45,7 +45,8 @@ class MotionOptions(Options):
         Bounds of that size, relative to the stated one, however good the predictions: a real acceleration lasts for
         many frames, and white noise that adds up as fast is larger. With a least of 0.1, two of 36 flights drifted away
         from poses that few points showed, one with seven frames in a row matched and wrong (benchmarks/tracking.py,
-        seeds from 1000, 2000 and 3000). The largest is a round value.
+        seeds from 1000, 2000 and 3000). The largest is a round value, which
+        `Match.advice` tells where it is reached.
     scale_drift : float
         Of `Similarity`: standard deviation of what the logarithm of the scale changes by in a second, a random walk.
         The unit of a measurement, or the size of a model, is constant; a round value that allows for .6 % in an hour.
