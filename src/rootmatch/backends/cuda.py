@@ -82,7 +82,7 @@ def sweep_kernel(  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    most : float
+    maximum : float
         The gate, or its square where the slab kernel gives squares.
     masked : bool
         Whether ``allowed`` (n, n') counts.

@@ -76,7 +76,7 @@ def read_points(
         The file.
     dimension : int
         3 for points in space, 2 for an image.
-    least : int
+    minimum : int
         Least number of points.
     of_rig : bool
         Whether they are detections of several cameras: ``x,y,camera``, with the camera's index from 0.

@@ -223,7 +223,7 @@ class _Place:
             (M,) each.
         which, may : (M, m) or (1, m), and (M, m) arrays
             Detections, and whether they may be of the point.
-        least : float
+        minimum : float
             What they are worth, at least.
         """
         (image, of, own), model = where, self.model

@@ -55,7 +55,7 @@ def sum_matchings(log_odds: Floats, rows: Integers, columns: Integers, order: In
         Points and detections of the pairs.
     order : (n,) array
         Of the points; those that may have the same detections should follow each other.
-    least : float
+    minimum : float
         Log-odds below which a pair counts for nothing in every table.
     """
     return _drop_small_matchings(_sum_any_size(log_odds, rows, columns, order, minimum))

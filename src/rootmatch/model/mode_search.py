@@ -78,7 +78,7 @@ def find_modes(
         Modes found before, which are among the result.
     of_several : bool
         Whether other bodies may take the detections of better modes: whatever is better than clutter is kept then.
-    least : float
+    minimum : float
         Log-odds against clutter alone from which a proposal grows; −∞ for assignments that may be right in part only,
         as a solver's.
     twins : bool

@@ -171,7 +171,7 @@ class Others(Sequence[Integers]):
     Attributes
     ----------
     told : Posterior
-    most : int
+    maximum : int
         How many there are at most.
     than : (n,) int64, optional
         From which all are different; if it is not given, there may be one more.

@@ -47,7 +47,7 @@ class FewShown:
     Parameters
     ----------
     model : DetectionModel
-    most : int
+    maximum : int
         Detected points, in each image of a rig, that make no mode.
     counts : (C,) int array
         Detections that each image has for the body.

@@ -42,10 +42,10 @@ def fill_pair_log_odds(views, poses, start, end, rows, columns, maximum, minimum
         (K,) that is added to all pairs.
     rows, columns : (P,) int64 arrays
         Points, in order, and detections of the pairs.
-    most : (P,) array
+    maximum : (P,) array
         A bound of what a pair can have where s = τ = 1 and it lies in its epipolar plane, what else is known of it
         included: what `inverse_distance_terms` and the variance across the plane take from it is never negative.
-    least : float
+    minimum : float
         Log-odds below which a pair is not looked at closely: −∞.
     out : (K, P) array
         Filled.

@@ -75,7 +75,7 @@ def likely_changes(assignment: Integers, gains: Floats, minimum: float) -> tuple
     assignment : (n,) int64 array
     gains : (n, n') array
         What each correspondence adds, given the rest of the assignment; finite where it is in the assignment.
-    least : float
+    minimum : float
     """
     from rootmatch.hypergraph.change_listing import list_changes  # takes Numba
 

@@ -141,7 +141,7 @@ class Problem(ABC):
             Radians from its normal within which a point is visible; the edge is soft. Default: π/2.
         source_noise : float, (n,), (n, k) or (n, k, k) array, optional
             Of the source alone, see `rootmatch.problems.noise.check_source_noise`.
-        least_target : int, optional
+        min_target : int, optional
             Least number of target points; that of a hyper-edge by default.
         distinct : bool
             Whether no two source points may be the same: those of different bodies may.

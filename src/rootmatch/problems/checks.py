@@ -27,7 +27,7 @@ def check_points(
         2 or 3.
     name : str
         ``"source"`` or ``"target"``, for the message.
-    least : int
+    minimum : int
         How many points the problem needs.
     distinct : bool
         Whether no two may be the same.

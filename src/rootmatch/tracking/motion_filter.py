@@ -41,7 +41,7 @@ class MotionOptions(Options):
     memory : float
         Degrees of freedom over which the estimate of how large the accelerations are is replaced: a frame counts for as
         many as its detections remove from the prediction's covariance, five at 60 Hz and one at 1000. A round value.
-    least_scale, most_scale : float
+    min_scale, max_scale : float
         Bounds of that size, relative to the stated one, however good the predictions: a real acceleration lasts for
         many frames, and white noise that adds up as fast is larger. With a least of 0.1, two of 36 flights drifted away
         from poses that few points showed, one with seven frames in a row matched and wrong (benchmarks/tracking.py,

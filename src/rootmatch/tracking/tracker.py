@@ -332,10 +332,10 @@ max_evaluations
         parts = {label: check_contradiction(part, given.get(label)) for label, part in parts.items()}
         if factor > 1.0:
             parts = {label: copy_with(part, sequence_factor=factor) for label, part in parts.items()}
-        most = self.tracking.motion.most_scale
+        maximum = self.tracking.motion.max_scale
         for label, body in self._bodies.items():
-            if body.belief and body.belief.best.factor >= most:
-                parts[label] = copy_with(parts[label], motion_factor=most)
+            if body.belief and body.belief.best.factor >= maximum:
+                parts[label] = copy_with(parts[label], motion_factor=maximum)
         if found.parts is None:
             return parts[None]
         return copy_with(found, parts={label: part for label, part in parts.items() if label is not None})

@@ -155,7 +155,7 @@ def average_weak_directions(assignments, weak, places, scene, known, minimum, ou
         Along each direction, in standard deviations.
     scene, known : tuple
         As for `rootmatch.model.compiled.settling.settle`.
-    least : float
+    minimum : float
         Least variance along a direction, over that of the fit.
     out : tuple
         Rotation (1, 3, 3), position (1, 3) and covariance (6, 6), of the fit at first and of the average in the end.

@@ -25,7 +25,7 @@ COLUMNS = (
     "scenes", "method", "count", "right", "right in percent", "median rotation error in degrees", "median seconds",
     "longest seconds", "vouched for", "vouched for and wrong",
 )  # fmt: skip
-MOST_SECONDS = 1e6
+MAX_SECONDS = 1e6
 FIELDS: Fields = {
     **dict.fromkeys(("scene", "row", "method"), str),
     **dict.fromkeys(("right", "claimed"), bool),
@@ -89,7 +89,7 @@ def run_blind(
             raise InputError(f"{what}: {', '.join(unknown)} given; give one of {', '.join(known)}")
     if "real" in chosen and data is None:
         raise InputError("protocol: real needs --data, the folder of the measured targets")
-    if scenes < 1 or first_seed < 0 or not 0.0 < seconds <= MOST_SECONDS:
+    if scenes < 1 or first_seed < 0 or not 0.0 < seconds <= MAX_SECONDS:
         raise InputError(
             f"{scenes} scenes from seed {first_seed} with {seconds:g} s each: give at least one scene, a seed of at "
             "least 0 and a number of seconds above 0"

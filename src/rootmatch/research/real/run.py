@@ -19,7 +19,7 @@ from rootmatch.research.real.scenes import RealScene, all_scenes
 
 START_UP = 120.0
 """Seconds that the first reply may take at least: compiling included."""
-MOST_SECONDS = 1e6
+MAX_SECONDS = 1e6
 
 MAX_OF_ERROR = 200
 """Characters of a method's own words that are kept."""
@@ -68,7 +68,7 @@ def run_real(
     InputError
         If data, folder or methods cannot be used.
     """
-    if not 0.0 < timeout <= MOST_SECONDS:
+    if not 0.0 < timeout <= MAX_SECONDS:
         raise InputError(f"timeout: {timeout:g} given; give a number of seconds above 0, a finite one")
     programs = {method: Program(method, max(START_UP, timeout)) for method in methods}  # refuses what is no command
     scenes = list(all_scenes(data, only))

@@ -30,7 +30,7 @@ def cluster(evidence: Floats, best: Integers, candidates: Integers, maximum: int
         Descending.
     best : (K, n) int64 array
     candidates : (K, n, c) int64 array
-    most : int
+    maximum : int
         Most clusters.
 
     Returns

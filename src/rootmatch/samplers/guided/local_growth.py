@@ -86,7 +86,7 @@ def grow_lead(
     ----------
     lead : Lead
     verified : PartialVerification
-    least : float
+    minimum : float
         Evidence below which a stage is taken to have failed.
     solutions : int
         Most solutions of a triple.

@@ -206,7 +206,7 @@ def add_near_shapes(
     sets : (S, 3) int64 array
     points, normals : (n, 3) arrays
         A normal of length 1, or 0 where it is unknown.
-    least : (n,) array
+    minimum : (n,) array
         Least cosine between normal and direction to the camera at which a point is visible.
     directions : (D, 3) array
         Unit vectors in which cameras lie about a triple.

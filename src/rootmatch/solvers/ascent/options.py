@@ -28,7 +28,7 @@ class AscentOptions(Options):
         Alternatives to report: other optima and single changes of the best assignment.
     limit : int
         Moves of one ascent, at most: a safeguard, far above what any takes.
-    most_reads : int
+    max_reads : int
         Entries of the index that ascents may read. No other begins that would go beyond, by those made so far; but the
         first one, and that with exchanges from the best assignment. The bound of what a tensor of 10⁸ hyper-edges takes
         (benchmarks/large_tensors.py); it is not met by smaller ones, and unlike a time it is the same on every machine.

@@ -26,7 +26,7 @@ def branch_and_bound_packing(elements, loss, price, slot_price, maximum, budget,
         y.
     slot_price : float
         z.
-    most : int
+    maximum : int
         Most sets.
     budget : float
         Loss of the best packing known.

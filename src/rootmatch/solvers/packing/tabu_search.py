@@ -29,7 +29,7 @@ def search_packing(elements, values, count, maximum, start, patience):  # type: 
         Positive.
     count : int
         Number of elements.
-    most : int
+    maximum : int
         Most sets.
     start : (G,) bool array
         Disjoint sets to start from.
