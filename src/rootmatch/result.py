@@ -41,8 +41,9 @@ from rootmatch.sightings import Sightings, reduce_to_first_cameras
 __all__ = ["Match", "Status", "report"]
 
 
-ADVISED = 0.5
-"""Seconds at most for mistakes that an advice may name; those of point sets take some 0.03. A round value."""
+ADVISED = 1.0
+"""Seconds at most for mistakes that an advice may name; those of point sets take some 0.03, and a tenth to half of one
+where a larger noise leaves triples of many points alike. A round value."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
