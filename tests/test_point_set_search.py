@@ -289,7 +289,7 @@ def test_where_noise_makes_most_triples_alike_the_budget_holds() -> None:
     assert budget <= search.evaluated < 1.2 * budget
     assert search.missed > 0.05
     assert search.conclusive
-    assert any((one.assignment[:6] == np.arange(6)).all() for one in search.hypotheses)
+    assert search.hypotheses[0].motion.scale[0] == pytest.approx(1.5, rel=0.02)
 
 
 def test_a_fifth_is_enough() -> None:
