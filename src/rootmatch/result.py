@@ -42,8 +42,7 @@ __all__ = ["Match", "Status", "report"]
 
 
 ADVISED = 1.0
-"""Seconds at most for mistakes that an advice may name; those of point sets take some 0.03, and a tenth to half of one
-where a larger noise leaves triples of many points alike. A round value."""
+"""Seconds at most for mistakes that an advice may name; those of point sets take 0.03 to 0.5. A round value."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
