@@ -139,6 +139,18 @@ def test_few_points_do_not_say_that_the_noise_is_larger(seed: int) -> None:
     assert "times as large" not in match.advice
 
 
+def test_noise_on_each_axis_in_another_unit_than_its_points_does_not_hide_which_unit_is_wrong() -> None:
+    rng = np.random.default_rng(3)
+    body, sigma = rng.uniform(-100.0, 100.0, (8, 3)), np.tile([0.3, 0.3, 0.9], (8, 1))
+    seen = (body + sigma * rng.normal(size=(8, 3))) @ Rotation.random(random_state=3).as_matrix().T
+    match = rm.match(body, 1e-3 * seen, rm.Rigid(), noise=(sigma, sigma))
+    assert match.status is rm.Status.UNTRUSTED
+    assert "the sets have different units" in match.advice
+    alone = rm.match(1e-3 * body, 1e-3 * seen, rm.Rigid(), noise=(sigma, sigma))
+    assert alone.status is rm.Status.UNTRUSTED
+    assert "the noise of the source is 0.574, more than its points lie apart; give it in their unit" in alone.advice
+
+
 def test_many_points_say_so() -> None:
     rng = np.random.default_rng(1)
     body = rng.uniform(-80, 80, (8, 3))

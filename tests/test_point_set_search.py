@@ -264,6 +264,34 @@ def test_all_triples_of_few_points_are_tried_once() -> None:
     assert parts.missed(4) == 0.0
 
 
+def test_triples_without_a_motion_that_was_judged_wait() -> None:
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (9, 3))
+    parts = ShownParts(points, distances(points), np.random.default_rng(0))
+    first = parts.triples(84)
+    parts.add(first, np.repeat([1.0, 0.0], 42))
+    assert sorted(map(tuple, parts.triples(84).tolist())) == sorted(map(tuple, first[42:].tolist()))
+    parts.add(first[42:], np.ones(42))
+    assert parts.is_exhausted
+    assert parts.missed(4) == 0.0
+
+
+def test_where_noise_makes_most_triples_alike_the_budget_holds() -> None:
+    """The motions of each triple would take as long as all of the budget; what it leaves out is told."""
+    rng = np.random.default_rng(0)
+    sigma = np.where(np.arange(24) < 6, 0.005, 0.4)
+    source, R = rng.uniform(-1.0, 1.0, (24, 3)), Rotation.random(random_state=0).as_matrix()
+    target = 1.5 * (source + sigma[:, None] * rng.normal(size=(24, 3))) @ R.T
+    task = MatchingTask.of(rm.Similarity(), source, target, noise=(sigma, 0.0075)).sampling_task
+    assert task.clouds is not None
+    search = MotionSearch(task, task.clouds, NEVER)
+    budget = 20_000_000
+    search.run(budget)
+    assert budget <= search.evaluated < 1.2 * budget
+    assert search.missed > 0.05
+    assert search.conclusive
+    assert search.hypotheses[0].motion.scale[0] == pytest.approx(1.5, rel=0.02)
+
+
 def test_a_fifth_is_enough() -> None:
     plan, reported, truth = fiducials(rm.Rigid(3), 3, 100, 20, 80, 0.002)
     match = rm.match(plan, reported, rm.Rigid(), noise=(0.0, 0.002))

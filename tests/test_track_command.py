@@ -155,3 +155,10 @@ def test_errors_ask_what_was_probably_meant() -> None:
     assert "1 detection given" in rm.Matcher(points, rm.P3P(camera)).match(pixels[:1]).advice
     with pytest.raises(rm.InputError, match=r"indices \(3, 2\) look transposed"):
         rm.AffinityTensor(np.array([[0, 1], [5, 6], [10, 11]]), np.ones(2), (4, 4))
+
+
+def test_an_empty_cell_is_named_in_the_first_row_of_its_image(tmp_path: Path) -> None:
+    path = tmp_path / "image.csv"
+    path.write_text(f"x,y,{DOWN}\n" + "".join(f"{k},{k},0,0,1,0,0,1,\n" for k in range(5)))
+    with pytest.raises(rm.InputError, match=r"row 2: v_sigma is empty"):
+        rm.io.read_points(path, 2, of_image=True)

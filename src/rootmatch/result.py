@@ -41,8 +41,8 @@ from rootmatch.sightings import Sightings, reduce_to_first_cameras
 __all__ = ["Match", "Status", "report"]
 
 
-ADVISED = 0.5
-"""Seconds at most for mistakes that an advice may name; those of point sets take some 0.03. A round value."""
+ADVISED = 1.0
+"""Seconds at most for mistakes that an advice may name; those of point sets take 0.03 to 0.5. A round value."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

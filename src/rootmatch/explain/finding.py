@@ -153,7 +153,8 @@ class Finding:
             return "give more points or detections"
         if chosen == "random":
             return "evaluate more hyper-edges with larger `samples`"
-        if sweep_cost(*self.task.shape, self.task.problem.order, self.task.allowed) <= LIMITS.exhaustive:
+        sweep = sweep_cost(*self.task.shape, self.task.problem.order, self.task.allowed)
+        if self.labellings is None and sweep <= LIMITS.exhaustive:  # of two point sets no hyper-edge is asked for
             return 'evaluate more hyper-edges with `sampler="exhaustive"`'
         return "evaluate more hyper-edges with a larger `budget` of `Guided`"
 

@@ -16,7 +16,7 @@ from rootmatch.explain.predicted_poses import agrees_with_prior, contradicts_ver
 from rootmatch.explain.silent_cameras import camera_advice
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.two_view_decision import has_vague_axes, nothing_found_text
-from rootmatch.explain.usual_mistakes import TOGETHER, is_detected_twice, obvious_fault
+from rootmatch.explain.usual_mistakes import TOGETHER, format_scaled, is_detected_twice, obvious_fault
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import are_targets_disjoint
 from rootmatch.model.priors import PRESENT_ODDS, probability
@@ -132,7 +132,7 @@ def _bodies_text(finding: Finding) -> str | None:
 def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
     """Why a finding is not trusted: the noise, chance, or that nothing was found."""
     task, facts, factor = finding.task, finding.facts, finding.noise_factor
-    problem, noise, causes = task.problem, task.noise, CAUSES if task.problem.takes_prior else ""
+    problem, causes = task.problem, CAUSES if task.problem.takes_prior else ""
     if (error := finding.point_error or alike_error(finding)) > 0.0:
         return (
             f"no trustworthy match: what was found fits if the points of the model are off by {error:.2g} on each "
@@ -140,7 +140,7 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
             "give `source_noise=`, or a larger `noise=`, if such errors are realistic"
         )
     if factor is not None and TRUST.noise_factor <= factor <= TRUST.max_named and _is_noise_larger(finding):
-        told = f"`noise={factor * noise:.2g}`" if isinstance(noise, int | float) else "a larger `noise=`"
+        told = format_scaled(task.noise, factor)
         if _is_pose_with_larger_noise(finding):
             exact = problem.takes_prior and task.points.source_covariance is None
             told += ", or `source_noise=` if the model is inexact" if exact else ""
@@ -328,7 +328,7 @@ def _is_unexcluded(finding: Finding) -> bool:
     facts = finding.facts
     if facts.missed <= TRUST.missed:
         return False
-    if finding.posterior is not None:
+    if finding.posterior is not None or finding.labellings is not None:
         return finding.is_pose_certain
     if facts.probability is not None:
         return facts.probability >= facts.min_probability

@@ -59,6 +59,10 @@ def obvious_fault(task: MatchingTask) -> str | None:
     source = task.points.source
     if isinstance(task.problem, Similarity) and source.shape[1] == 3 and are_collinear(source):
         return "all points are collinear, which leaves the pose open; add points off the line, or give a `prior`"
+    for name in ("source", "target") if isinstance(task.problem, Similarity) else ():
+        own, sigma = getattr(task.points, name), float(np.median(getattr(task.points, f"{name}_noise")))
+        if sigma > float(np.ptp(own, axis=0).max()):
+            return f"the noise of the {name} is {sigma:.3g}, more than its points lie apart; give it in their unit"
     camera, target = getattr(task.problem, "camera", None), task.points.target
     every = getattr(camera, "cameras", (camera,))
     if len(target) < task.problem.order:
@@ -129,17 +133,15 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
             yield Mistake("the noise is in degrees", remedy, make_change(points=scale_noise(points, 1.0, unit)))
         of_both = problem.noisy_source
         for mistake, factor in NOISIER.items():
-            remedy = f"give {_format_scaled(given.noise, factor)}"
+            remedy = f"give {format_scaled(given.noise, factor)}"
             yield Mistake(mistake, remedy, make_change(points=scale_noise(points, factor if of_both else 1.0, factor)))
 
 
-def _format_scaled(noise: Any, factor: float) -> str:
-    """A number or two, so many times as large; how many times that is, of more."""
+def format_scaled(noise: Any, factor: float) -> str:
+    """The argument for a number or two, so many times as large; how many times that is, of more."""
     if isinstance(noise, tuple | list) and all(isinstance(one, int | float) for one in noise):
         return f"`noise=({', '.join(f'{factor * one:.3g}' for one in noise)})`"
-    return (
-        f"`noise={factor * noise:.3g}`" if isinstance(noise, int | float) else f"a `noise=` {factor:g} times as large"
-    )
+    return f"`noise={factor * noise:.3g}`" if isinstance(noise, int | float) else f"a `noise=` {factor:.2g} times as large"
 
 
 def _normal_mistakes(points: PointSets, pointed: Callable[..., Change]) -> Iterator[Mistake]:

@@ -228,7 +228,7 @@ class KnownInImage:
                     f"{self.path}, row {row}: {name} is {quote_value(value)}, but {quote_value(before)} in an "
                     "earlier row of the same image; give one value for each image, in one of its rows or in all"
                 )
-            self._row = self._row if not value else row
+            self._row = self._row or (row if value else 0)
 
     def end(self) -> PosePrior | None:
         """What is known of the image; the next one begins."""

@@ -255,7 +255,8 @@ class PointSetModel:
         inside = others * np.log((high - low) / both)
         inside += np.log((0.5 * others + 0.5) * (beyond / (1.0 - share[..., None] * (1.0 - beyond)) @ WEIGHTS))
         if self.clouds.scaled:
-            inside = np.append(inside, np.log(RANGE_OF_LOG * share.max(axis=1, keepdims=True)), axis=1)
+            widest = np.maximum(share.max(axis=1, keepdims=True), 1e-300)  # all in one place where the scale vanishes
+            inside = np.append(inside, np.log(RANGE_OF_LOG * widest), axis=1)
         if self.detection_rate is not None or bool((both <= high - low).all()):
             return Placement(inside, None, inside)
         seen = view_probability(along, low, high, len(self.clouds.target))

@@ -16,7 +16,11 @@ class Capability(Enum):
 
     NORMALS = "normals", "cannot use them, as its source is not seen by one calibrated camera", "leave them out"
     """Declared by `Problem.takes_normals`."""
-    PRIOR = "prior", "has no pose that could be predicted", "leave it out"
+    PRIOR = (
+        "prior",
+        "is not offered with one",
+        "leave it out, or use what takes one: P3P or UP2P, with the focal length in its camera, Rigid or Similarity",
+    )
     """Declared by `Problem.takes_prior` and `Problem.takes_motion_prior`."""
     RESOLUTION = "resolution", "has no camera in whose image points could fall together", "leave it out"
     """Declared by a camera with pixels whose pose the problem fits."""

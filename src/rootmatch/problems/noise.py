@@ -153,7 +153,7 @@ def split_noise(noise: Any, first: Floats, second: Floats) -> tuple[Any, Floats 
     pair = isinstance(noise, tuple | list) and len(noise) == 2
 
     def split(part: Any, points: Floats, name: str) -> tuple[Any, Floats | None]:
-        known = check_source_noise(part, points, name) if _dimensions(part, name) > 1 else None
+        known = as_covariances(part, points.shape, name) if _dimensions(part, name) > 1 else None
         return part if known is None else mean_deviation(known), known
 
     if not pair:

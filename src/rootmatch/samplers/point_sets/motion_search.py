@@ -31,6 +31,9 @@ FITTED = 5_000
 TRIPLES, MINIMUM, BLOCK = 6_000, 12, 64
 """Most triples that are tried, and least, however clear the best motion is, and how many at once later on: three of ten
 matched points in a hundred are among so many with 99.5 %."""
+BLOCKS = 50
+"""Part of the budget that the motions of triples which are tried at once take at most. A round value: where the noise
+tells triples apart, as it nearly always does, they take a hundredth of that."""
 REFINED = 4
 """Motions of a triple, those that explain the most points, that are refined on these points."""
 WORTH = 0.5
@@ -117,9 +120,10 @@ class MotionSearch:
         # those of the smaller set first: more of them lie in what both sets show
         sides = (0, 1) if self.n <= self.n_target else (1, 0)
         count = MINIMUM
+        maximum = max(budget // BLOCKS // self.places.cost, 1)
         while self.tried < TRIPLES and self.evaluated < budget and not self.deadline.passed():
             for side in sides:
-                self._try(side, self.parts[side].triples(count))
+                self._try(side, self.parts[side].triples(count), maximum)
                 if any(part.is_exhausted for part in self.parts):
                     return
                 if self.task.motions == 1 and self.is_over:
@@ -128,26 +132,32 @@ class MotionSearch:
             if self.task.progress is not None:
                 self.task.progress(min(self.tried, TRIPLES), TRIPLES)
 
-    def _try(self, side: int, triples: Integers) -> None:
-        """Look for triples (T, 3) of one set, 0 of the source, in the other one, and judge the motions."""
+    def _try(self, side: int, triples: Integers, most: int) -> None:
+        """Look for triples (T, 3) of one set, 0 of the source, in the other one, and judge so many motions at most.
+
+        Those of the triples with the fewest come first, as it takes as long to judge one that is vague.
+        """
         clouds, (own, other) = self.clouds, self.triangles[:: 1 if side == 0 else -1]
         allowed = self.allowed if side == 0 or self.allowed is None else self.allowed.T
         found = other.alike(triples, own.far, own.variance, allowed, self.rng)
         self.evaluated += found.compared
-        self.tried += len(triples)
-        sources, images = (triples[found.number], found.corners)[:: 1 if side == 0 else -1]
-        number = found.number
+        number, corners, share = found.number, found.corners, found.share
+        if len(number) > most:
+            kept, taken = _share_out(number, len(triples), most, self.rng)
+            number, corners, share = number[kept], corners[kept], share * taken
+        self.tried += int(np.count_nonzero(share))
+        sources, images = (triples[number], corners)[:: 1 if side == 0 else -1]
         if self.dimension == 2 and not clouds.mirror:
             right = _turn(clouds.target[images]) * _turn(clouds.source[sources]) > 0.0
             sources, images, number = sources[right], images[right], number[right]
         self._take(number, sources, images)
-        self.parts[side].add(triples, found.share)
+        self.parts[side].add(triples, share)
 
     def _take(self, number: Integers, sources: Integers, images: Integers) -> None:
         """Judge the motions that take triples (H, 3) onto images, by their triples; refine and keep the best."""
         clouds = self.clouds
         self.judged += len(images)
-        self.evaluated += len(images) * self.n
+        self.evaluated += len(images) * self.places.cost
         motions = concatenate_motions(
             [
                 fit_triangles(clouds.source[sources[part]], clouds.target[images[part]], clouds.scaled, clouds.mirror)
@@ -252,6 +262,21 @@ class MotionSearch:
     def assignments(self) -> Integers:
         """Assignments (K, n) of the motions, the highest evidence first."""
         return np.array([one.assignment for one in self.hypotheses], np.int64).reshape(-1, self.n)
+
+
+def _share_out(number: Integers, count: int, most: int, rng: np.random.Generator) -> tuple[Bools, Floats]:
+    """Which of the motions of ``count`` triples, of which the numbers (H,) are given, are judged, and each one's share.
+
+    All of the triples that have the fewest, and a seeded selection of the next one's.
+    """
+    alike = np.bincount(number, minlength=count)
+    order = np.argsort(alike, kind="stable")
+    taken = np.empty_like(alike)
+    taken[order] = np.diff(np.minimum(np.cumsum(alike[order]), most), prepend=0)
+    kept = (taken == alike)[number]
+    for part in np.flatnonzero((taken > 0) & (taken < alike)).tolist():
+        kept[rng.choice(np.flatnonzero(number == part), taken[part], replace=False)] = True
+    return kept, np.where(alike > 0, taken / np.maximum(alike, 1), 1.0)
 
 
 def _slices(count: int, step: int) -> list[slice]:

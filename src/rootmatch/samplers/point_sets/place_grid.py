@@ -7,6 +7,7 @@ gate of any of its places, so that only points in a cell with a list are compare
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from itertools import product
 from typing import NamedTuple
 
@@ -25,6 +26,8 @@ STEPS = (-1.0, -0.4, 0.4, 1.0)
 """Distances from a target, in gates, from one to the next of which is less than a cell."""
 SLACK = 1e-9
 """Share of a cell by which a list reaches farther."""
+LISTING = 2.0
+"""Time to compare a point with a target and to list the pair, over that to look up a cell. A round value."""
 TESTED = 10_000_000
 """Pairs of points and targets, each with each, between two looks at the time: some milliseconds, if most are far."""
 
@@ -75,33 +78,45 @@ class PlaceGrid:
         count = np.bincount(cell, minlength=math.prod(shape.tolist()))
         begin = np.concatenate([[0], np.cumsum(count)])
         self.grid = low, shape, reach, count > 0, begin, np.ascontiguousarray(listed), reach * (1.0 + SLACK)
+        among = count.reshape(shape)[2:-2, 2:-2, 2:-2].mean()
+        self.cost = int(len(clouds.source) * max(1.0, LISTING * float(among)))
+        """Points that are looked up in the time it takes for a motion that brings all of them among the targets."""
         possible = np.empty((0, 0), np.bool_) if allowed is None else np.ascontiguousarray(allowed)
         variances = clouds.source_variance, clouds.target_variance
         self.points = np.ascontiguousarray(in_space(clouds.source).T), variances[0], target, variances[1], possible
 
     def explained(self, motions: Motions) -> Integers:
         """How many points (H,) of the set with fewer of them are within the gate of one of the other set."""
-        found, count, counts = self.pairs(motions), len(motions.scale), list[Integers]()
-        for member, size in ((found.source, len(self.points[1])), (found.target, len(self.points[2]))):
-            met = np.zeros((count, size), np.bool_)
-            met[found.motion, member] = True
-            counts.append(met.sum(axis=1))
-        return np.asarray(np.minimum(*counts))
+        counts = [np.empty(0, np.int64)]
+        for found, count in self._parts(motions):
+            met = [np.zeros((count, len(self.points[which])), np.bool_) for which in (1, 2)]
+            met[0][found.motion, found.source] = True
+            met[1][found.motion, found.target] = True
+            counts.append(np.minimum(*(one.sum(axis=1) for one in met)))
+        return np.concatenate(counts)
 
     def pairs(self, motions: Motions) -> Pairs:
         """All pairs of points and targets within the gate, by motion and point."""
-        step, parts = max(1, TESTED // (len(self.points[1]) * len(self.points[2]))), list[Pairs]()
+        parts, start = list[Pairs](), 0
+        for found, count in self._parts(motions):
+            parts.append(found._replace(motion=found.motion + start))
+            start += count
+        return parts[0] if len(parts) == 1 else Pairs._make(map(np.concatenate, zip(*parts, strict=True)))
+
+    def _parts(self, motions: Motions) -> Iterator[tuple[Pairs, int]]:
+        """The same of some motions after others, each numbered from 0, and how many these are."""
+        step, each = max(1, TESTED // (len(self.points[1]) * len(self.points[2]))), 16
         every = in_space(motions.linear), in_space(motions.shift), motions.scale
         for start in range(0, max(len(motions.scale), 1), step):
             checkpoint()
-            some, room = tuple(part[start : start + step] for part in every), 16 * len(every[2][start : start + step])
+            some = tuple(part[start : start + step] for part in every)
+            size = len(some[2])
             while True:
+                room = each * size
                 numbers, values = np.empty((3, room), np.int64), np.empty((2, room))
                 found = Pairs._make([*numbers, *values])
                 count = list_pairs(some, self.points, self.grid, self.gate, tuple(found))
                 if count <= room:
                     break
-                room = count
-            found = found.take(slice(count))
-            parts.append(found._replace(motion=found.motion + start))
-        return parts[0] if len(parts) == 1 else Pairs._make(map(np.concatenate, zip(*parts, strict=True)))
+                each = 1 + count // size
+            yield found.take(slice(count)), size

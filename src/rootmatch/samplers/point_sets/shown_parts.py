@@ -78,7 +78,11 @@ class ShownParts:
         return np.asarray(chosen.reshape(count, DRAWS, 3)[np.arange(count), best])
 
     def add(self, triples: Integers, share: Floats) -> None:
-        """Record that triples (T, 3) were tried, each with a share (T,) of its possible images."""
+        """Record that triples (T, 3) were tried, each with a share (T,) of its possible images; with none it waits."""
+        tried = share > 0.0
+        if self._waiting is not None:
+            self._waiting = np.concatenate([self._waiting, triples[~tried]])
+        triples, share = triples[tried], share[tried]
         self._last.append(self._order[:, triples].max(axis=2))
         self._odds.append(np.log1p(-(1.0 - LOST) * share))
 
