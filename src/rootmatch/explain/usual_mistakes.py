@@ -141,7 +141,9 @@ def format_scaled(noise: Any, factor: float) -> str:
     """The argument for a number or two, so many times as large; how many times that is, of more."""
     if isinstance(noise, tuple | list) and all(isinstance(one, int | float) for one in noise):
         return f"`noise=({', '.join(f'{factor * one:.3g}' for one in noise)})`"
-    return f"`noise={factor * noise:.3g}`" if isinstance(noise, int | float) else f"a `noise=` {factor:.2g} times as large"
+    return (
+        f"`noise={factor * noise:.3g}`" if isinstance(noise, int | float) else f"a `noise=` {factor:.2g} times as large"
+    )
 
 
 def _normal_mistakes(points: PointSets, pointed: Callable[..., Change]) -> Iterator[Mistake]:

@@ -132,7 +132,7 @@ class MotionSearch:
             if self.task.progress is not None:
                 self.task.progress(min(self.tried, TRIPLES), TRIPLES)
 
-    def _try(self, side: int, triples: Integers, most: int) -> None:
+    def _try(self, side: int, triples: Integers, maximum: int) -> None:
         """Look for triples (T, 3) of one set, 0 of the source, in the other one, and judge so many motions at most.
 
         Those of the triples with the fewest come first, as it takes as long to judge one that is vague.
@@ -142,8 +142,8 @@ class MotionSearch:
         found = other.alike(triples, own.far, own.variance, allowed, self.rng)
         self.evaluated += found.compared
         number, corners, share = found.number, found.corners, found.share
-        if len(number) > most:
-            kept, taken = _share_out(number, len(triples), most, self.rng)
+        if len(number) > maximum:
+            kept, taken = _share_out(number, len(triples), maximum, self.rng)
             number, corners, share = number[kept], corners[kept], share * taken
         self.tried += int(np.count_nonzero(share))
         sources, images = (triples[number], corners)[:: 1 if side == 0 else -1]
@@ -264,7 +264,7 @@ class MotionSearch:
         return np.array([one.assignment for one in self.hypotheses], np.int64).reshape(-1, self.n)
 
 
-def _share_out(number: Integers, count: int, most: int, rng: np.random.Generator) -> tuple[Bools, Floats]:
+def _share_out(number: Integers, count: int, maximum: int, rng: np.random.Generator) -> tuple[Bools, Floats]:
     """Which of the motions of ``count`` triples, of which the numbers (H,) are given, are judged, and each one's share.
 
     All of the triples that have the fewest, and a seeded selection of the next one's.
@@ -272,7 +272,7 @@ def _share_out(number: Integers, count: int, most: int, rng: np.random.Generator
     alike = np.bincount(number, minlength=count)
     order = np.argsort(alike, kind="stable")
     taken = np.empty_like(alike)
-    taken[order] = np.diff(np.minimum(np.cumsum(alike[order]), most), prepend=0)
+    taken[order] = np.diff(np.minimum(np.cumsum(alike[order]), maximum), prepend=0)
     kept = (taken == alike)[number]
     for part in np.flatnonzero((taken > 0) & (taken < alike)).tolist():
         kept[rng.choice(np.flatnonzero(number == part), taken[part], replace=False)] = True
