@@ -194,3 +194,12 @@ def _unit_noises(points: PointSets) -> list[tuple[PointSets, bool]]:
         every.setdefault(relative, (changed, factors == (1.0, 1.0)))
     sound = [relative for relative in every if relative < COARSEST] or [min(every)]
     return [every[relative] for relative in sorted(sound)]
+
+
+def format_scaled(noise: Any, factor: float) -> str:
+    """The argument for a number or two, so many times as large; how many times that is, of more."""
+    if isinstance(noise, tuple | list) and all(isinstance(one, int | float) for one in noise):
+        return f"`noise=({', '.join(f'{factor * one:.3g}' for one in noise)})`"
+    return (
+        f"`noise={factor * noise:.3g}`" if isinstance(noise, int | float) else f"a `noise=` {factor:.2g} times as large"
+    )

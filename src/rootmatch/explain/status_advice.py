@@ -12,11 +12,12 @@ from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import ANOTHER, Misfit
 from rootmatch.explain.inexact_points import alike_error
+from rootmatch.explain.mistake import format_scaled
 from rootmatch.explain.predicted_poses import agrees_with_prior, contradicts_vertical, is_against_prior
 from rootmatch.explain.silent_cameras import camera_advice
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.two_view_decision import has_vague_axes, nothing_found_text
-from rootmatch.explain.usual_mistakes import TOGETHER, format_scaled, is_detected_twice, obvious_fault
+from rootmatch.explain.usual_mistakes import TOGETHER, is_detected_twice, obvious_fault
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import are_targets_disjoint
 from rootmatch.model.priors import PRESENT_ODDS, probability

@@ -22,6 +22,7 @@ from rootmatch.explain.mistake import (
     UNITS,
     Change,
     Mistake,
+    format_scaled,
     list_point_set_mistakes,
     list_prior_mistakes,
     make_change,
@@ -135,15 +136,6 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
         for mistake, factor in NOISIER.items():
             remedy = f"give {format_scaled(given.noise, factor)}"
             yield Mistake(mistake, remedy, make_change(points=scale_noise(points, factor if of_both else 1.0, factor)))
-
-
-def format_scaled(noise: Any, factor: float) -> str:
-    """The argument for a number or two, so many times as large; how many times that is, of more."""
-    if isinstance(noise, tuple | list) and all(isinstance(one, int | float) for one in noise):
-        return f"`noise=({', '.join(f'{factor * one:.3g}' for one in noise)})`"
-    return (
-        f"`noise={factor * noise:.3g}`" if isinstance(noise, int | float) else f"a `noise=` {factor:.2g} times as large"
-    )
 
 
 def _normal_mistakes(points: PointSets, pointed: Callable[..., Change]) -> Iterator[Mistake]:

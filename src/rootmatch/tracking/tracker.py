@@ -303,15 +303,14 @@ max_evaluations
         for label, told in given.items():
             if isinstance(told, Pose):
                 self._bodies[label].keep_best(when)
-        each = self._parts(found).items()
-        parts = {label: self._bodies[label].checked(part, when, frame, label in searched) for label, part in each}
+        parts = self._parts(found)
+        parts = {one: self._bodies[one].checked(part, when, frame, one in searched) for one, part in parts.items()}
         matched = all(part.status is Status.MATCHED for part in parts.values())
         self._cut = 0 if matched else self._cut + (found.is_cut or deadline.stopped_early)
         changed = False
         if self._of_images:
-            lost = not poses and self.labels is None and self.time is not None  # which takes a search
-            doubted = self._noise.is_doubted
-            lost &= is_frame_of_row(frame, self.tracking.search_every) or doubted
+            doubted, alone = self._noise.is_doubted, self.labels is None and self.time is not None
+            lost = not poses and alone and (is_frame_of_row(frame, self.tracking.search_every) or doubted)  # a search
             asked = [None] if lost else search_schedule.bodies_found_lately(self._bodies, poses, frame, doubted=doubted)
             changed = self._noise.compare(
                 self._parts(found), self._noise.waiting or asked, factor,
@@ -332,13 +331,10 @@ max_evaluations
         parts = {label: check_contradiction(part, given.get(label)) for label, part in parts.items()}
         if factor > 1.0:
             parts = {label: copy_with(part, sequence_factor=factor) for label, part in parts.items()}
-        maximum = self.tracking.motion.max_scale
-        for label, body in self._bodies.items():
-            if body.belief and body.belief.best.factor >= maximum:
-                parts[label] = copy_with(parts[label], motion_factor=maximum)
-        if found.parts is None:
-            return parts[None]
-        return copy_with(found, parts={label: part for label, part in parts.items() if label is not None})
+        limit = self.tracking.motion.max_scale
+        fast = [label for label, body in self._bodies.items() if body.belief and body.belief.best.factor >= limit]
+        parts |= {label: copy_with(parts[label], motion_factor=limit) for label in fast}
+        return parts[None] if found.parts is None else copy_with(found, parts={one: parts[one] for one in found.parts})
 
     def _parts(self, found: Finding) -> dict[Label | None, Finding]:
         """The finding of each body by its label (None for a single body)."""
