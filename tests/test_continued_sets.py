@@ -35,7 +35,7 @@ def test_another_lattice_is_not_trusted(seed: int) -> None:
     source, other = lattice(rng, 6, 5, 1, holes=4), lattice(rng, *((7, 6), (5, 5), (6, 5))[seed], 1, holes=4)
     match = rm.match(source, measured(rng, other)[0], rm.Rigid(), noise=(0.0, NOISE))
     assert not match
-    assert "same squares" in match.advice
+    assert "same repeating pattern" in match.advice
 
 
 def test_the_lattice_is_trusted_and_so_is_a_part_of_a_larger_one() -> None:
@@ -58,5 +58,5 @@ def test_another_lattice_is_not_trusted_beside_another_body() -> None:
     match = rm.match(np.concatenate([source, tool]), target, rm.Rigid(), noise=(0.0, NOISE), bodies=bodies)
     assert match.bodies is not None
     assert not match.bodies["lattice"]
-    assert "same squares" in match.bodies["lattice"].advice
+    assert "same repeating pattern" in match.bodies["lattice"].advice
     assert match.bodies["tool"]

@@ -66,7 +66,7 @@ def finding(assignment: list[int], confidence: list[float], probability: float =
     options, model = SimpleNamespace(detection_rate=0.9), SimpleNamespace(images=())
     return SimpleNamespace(
         assignment=np.array(assignment), confidence=np.array(confidence), posterior=told, probability=probability,
-        task=SimpleNamespace(options=options), model=model, judged=(told, model), mode=0,
+        task=SimpleNamespace(options=options), model=model, posterior_and_model=(told, model), mode=0,
     )  # fmt: skip
 
 

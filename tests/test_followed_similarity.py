@@ -231,7 +231,7 @@ def test_a_filter_of_a_scale() -> None:
 def test_what_does_not_go_together_is_refused() -> None:
     with pytest.raises(rm.InputError, match=r"^prior: .* a covariance \(6, 6\) is needed"):
         rm.match(BODY, BODY, rm.Rigid(), prior=predicted(1.0))
-    with pytest.raises(rm.InputError, match=r"^prior: a scale of 2 given, and rigid has none"):
+    with pytest.raises(rm.InputError, match=r"^prior: a scale of 2 given, but rigid has none"):
         rm.match(BODY, BODY, rm.Rigid(), prior=rm.Pose(np.eye(3), np.zeros(3), np.eye(6), scale=2.0))
     plane = rm.Pose(np.eye(2), np.zeros(2), np.eye(3))
     with pytest.raises(rm.InputError, match=r"^prior: .* a covariance \(6, 6\) or \(7, 7\) is needed"):

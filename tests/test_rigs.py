@@ -249,5 +249,5 @@ def test_what_a_rig_does_not_take() -> None:
         with pytest.raises(InputError, match="one camera"):
             rm.residuals(points, rows, one, index, index)
     for other in (rm.ThreePlusOne, rm.PlanarMotion):
-        with pytest.raises(InputError, match="P3P and UP2P alone"):
+        with pytest.raises(InputError, match="only P3P and UP2P"):
             other(rig)

@@ -60,7 +60,7 @@ class Misfit(NamedTuple):
         """The misfit of a finding; None if nothing is known of its residuals."""
         if (factor := found.noise_factor) is None:
             return None
-        return cls(factor**2, factor, found.noise_dof, found.alike, found.another, found.moved)
+        return cls(factor**2, factor, found.noise_dof, found.alike, found.another, moved=found.moved)
 
     def rescaled_log_odds(self, log_odds: float) -> float:
         """Log-odds of the pose if σ was stated as many times too small, of those with the σ given.

@@ -162,7 +162,7 @@ class FollowedBody:
         if frame is not None and self.missed:
             narrowed = self.narrowed.of_frame(frame, len(self.belief.poses), searching=bool(self.waiting))
         places = tuple([one.place for one in self.belief.poses])
-        return pose, Rivals(others, doubt, places, self.dark.at(time), self.dark.placed, narrowed)
+        return pose, Rivals(others, doubt, places, self.dark.at(time), self.dark.placed, narrowed=narrowed)
 
     def keep_best(self, time: float) -> None:
         """The caller says where the body is: nothing beside it is taken for its points."""
