@@ -26,7 +26,10 @@ FREEDOM_OF_RIG = 5.0
 another. A round value."""
 
 
-ANOTHER = "something else with a point elsewhere, such as a kind of the body that is to be given with `bodies=` as well"
+ANOTHER = (
+    "something else with a point elsewhere, such as a kind of the body that is to be given with `bodies=` as well, or "
+    "the body with a mistake in an input (see `diagnose`)"
+)
 """What advice says if `Misfit.another` is most of the doubt."""
 
 
@@ -44,7 +47,7 @@ class Misfit(NamedTuple):
     """Log-odds (W,) of points that are off, see `rootmatch.model.image_alike`; None if nothing is near any that has no
     match."""
     another: float = -math.inf
-    """Log-odds of something else that shares some of the points, see `rootmatch.model.elsewhere`."""
+    """Log-odds of something else that shares some of the points, see `rootmatch.model.elsewhere`, or one line."""
 
     @classmethod
     def of(cls, chi2: float, freedom: int) -> Misfit:
