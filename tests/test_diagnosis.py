@@ -337,6 +337,23 @@ def test_a_calibration_is_not_fitted_to_few_points() -> None:
     assert not [one.mistake for one in match.diagnose(SECONDS).fits if "focal" in one.mistake]
 
 
+@pytest.mark.parametrize(("axis", "mistake"), [(1, "the model is left-handed"), (2, "heights of the model are depths")])
+@pytest.mark.parametrize("zoomed", [False, True])
+def test_a_mirrored_model_before_a_rolled_camera_that_knows_the_vertical(axis: int, mistake: str, zoomed: bool) -> None:
+    """A mirrored image would have another vertical than the camera tells."""
+    rng = np.random.default_rng(12)
+    points, up = (
+        rng.uniform(-0.4, 0.4, (12, 3)),
+        Rotation.from_euler("zyx", (12.0, 70.0, 95.0), degrees=True).as_matrix(),
+    )
+    target = CAMERA.project(points @ up.T + (0.05, -0.1, 1.6)) + rng.normal(0.0, 0.3, (12, 2))
+    verticals = {"vertical_camera": tuple(up @ (0.0, 0.0, -1.0)), "vertical_world": (0.0, 0.0, -1.0)}
+    problem = rm.UP2PF((CAMERA.cx, CAMERA.cy), **verticals) if zoomed else rm.UP2P(CAMERA, **verticals)
+    points[:, axis] *= -1.0
+    first = rm.match(points, target, problem, noise=0.3).diagnose(SECONDS).fits[0]
+    assert (first.mistake, first.matched) == (mistake, 12)
+
+
 def test_nothing_is_named_where_nothing_is_to_be_found() -> None:
     rng = np.random.default_rng(4)
     match = rm.match(rng.uniform(-0.3, 0.3, (8, 3)), rng.uniform(0, 900, (9, 2)), rm.P3P(CAMERA), noise=0.3)

@@ -27,7 +27,10 @@ FREEDOM_OF_RIG = 5.0
 another. A round value."""
 
 
-ANOTHER = "another object that differs in a point, such as a variant of the body that `bodies=` should name as well"
+ANOTHER = (
+    "another object that differs in a point, such as a variant of the body that `bodies=` should name as well, or the "
+    "body with a mistake in an input (see `diagnose`)"
+)
 """What advice says if `Misfit.another` is most of the doubt."""
 
 
@@ -45,7 +48,7 @@ class Misfit(NamedTuple):
     """Log-odds (W,) of points that are off, see `rootmatch.model.image_alike`; None if nothing is near any that has no
     match."""
     another: float = -math.inf
-    """Log-odds of something else that shares some of the points, see `rootmatch.model.elsewhere`."""
+    """Log-odds of something else that shares some of the points, see `rootmatch.model.elsewhere`, or one line."""
     moved: float = 0.0
     """How far its detections move with the points, see `rootmatch.model.evidence.residual_statistics`."""
 

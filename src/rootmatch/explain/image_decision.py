@@ -21,6 +21,7 @@ from rootmatch.explain.goodness_of_fit import Misfit, discount_misfit, is_misfit
 from rootmatch.explain.image_hypotheses import NAMED, Candidate
 from rootmatch.explain.in_time import final_deadline
 from rootmatch.explain.lacking_points import allow_lacking, lacking_points
+from rootmatch.explain.line_in_common import log_odds_of_line
 from rootmatch.explain.predicted_poses import polish_pose, select_prediction
 from rootmatch.explain.rig_triples import is_met_by_search
 from rootmatch.explain.task import MatchingTask
@@ -232,14 +233,16 @@ def is_alike_possible(found: Finding, of_others: NDArray[np.bool_] | None) -> bo
 def something_else_log_odds(
     model: DetectionModel, told: Posterior, k: int, of_others: NDArray[np.bool_] | None
 ) -> float:
-    """Log-odds of something else with points elsewhere, of the body in one of its modes.
+    """Log-odds of something else with points elsewhere, or with a line in common, of the body in one of its modes.
 
     In one image not about a predicted pose: the body was there a moment ago.
     """
     if len(model.images) > 1:
         return log_odds_of_another(model, told.modes, k, of_others)
-    predicted = model.prior.minimum < MINIMUM and told.origins is not None and told.origins[k] >= 0
-    return -math.inf if predicted else log_odds_of_points_elsewhere(model, told.modes, k, of_others)
+    if model.prior.minimum < MINIMUM and told.origins is not None and told.origins[k] >= 0:
+        return -math.inf
+    elsewhere = log_odds_of_points_elsewhere(model, told.modes, k, of_others)
+    return float(np.logaddexp(elsewhere, log_odds_of_line(model, told.modes, k)))
 
 
 def allow_few_shown(

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rootmatch.arrays import Floats
 from rootmatch.explain.prior_validation import Prior, prior_attributes
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.points import PointSets
@@ -32,7 +33,7 @@ FLAT = 1e-9
 """Height of a set, over its size, that is a rounding error."""
 NEAR = 0.05
 """Relative deviation from their ratio within which units are named: less than half of the least gap between two."""
-HANDED = "one of the sets is left-handed"
+HANDED, HANDED_MODEL = "one of the sets is left-handed", "the model is left-handed"
 REVERSED = (
     "negate one coordinate of one of the sets: an axis was reversed when it was written (LPS and RAS differ in "
     "two axes, which is only a rotation)"
@@ -65,6 +66,15 @@ def scale_noise(points: PointSets, source: float, target: float) -> PointSets:
         source_covariance=covariances[0],
         target_covariance=covariances[1],
     )
+
+
+def mirror_model(points: PointSets, axis: Floats) -> Change:
+    """A mirrored model, along a unit axis (3,), with its normals."""
+    mirror = np.eye(3) - 2.0 * np.outer(axis, axis)
+    normals = None if points.normals is None else points.normals @ mirror
+    spread = None if points.source_covariance is None else mirror @ points.source_covariance @ mirror
+    source = points.source @ mirror
+    return make_change(points=replace(points, source=source, normals=normals, source_covariance=spread))
 
 
 class Mistake(NamedTuple):

@@ -19,6 +19,7 @@ from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.explain.calibration_mistakes import displaced_cameras, wrong_calibration
 from rootmatch.explain.mistake import (
+    HANDED_MODEL,
     UNITS,
     Change,
     Mistake,
@@ -26,6 +27,7 @@ from rootmatch.explain.mistake import (
     list_point_set_mistakes,
     list_prior_mistakes,
     make_change,
+    mirror_model,
     ratio_of_units,
     scale_noise,
 )
@@ -154,10 +156,7 @@ def _axis_mistakes(
     points, camera = task.points, cameras.get("camera")
     flat = points.source.shape[1] == 2
     if isinstance(camera, Rig):
-        mirrored = {"source": points.source * (-1.0, 1.0, 1.0)}
-        if points.normals is not None:
-            mirrored["normals"] = points.normals * (-1.0, 1.0, 1.0)
-        yield Mistake("the model is left-handed", "negate one coordinate of points and normals", pointed(**mirrored))
+        yield Mistake(HANDED_MODEL, "negate one coordinate of points and normals", mirror_model(points, np.eye(3)[0]))
         each = [(own, np.array(R), np.array(t)) for own, R, t in camera.views]
         other_poses = {
             "the camera poses map to the rig": ("the inverse", [(own, R.T, -R.T @ t) for own, R, t in each]),
@@ -198,6 +197,10 @@ def _axis_mistakes(
     if hasattr(task.problem, "vertical_world"):  # which tells these two apart
         name, remedy = "x is mirrored, or the model is left-handed", "mirror x, or one horizontal axis of the model"
         yield Mistake(name, remedy, mirrored_along(0))
+    if (upright := getattr(task.problem, "upright", None)) is not None:  # that of a mirrored image is mirrored as well
+        every = ((HANDED_MODEL, "one level"), ("heights of the model are depths", "the vertical"))
+        for (name, which), axis in zip(every, upright.world, strict=False):
+            yield Mistake(name, f"negate {which} coordinate of points and normals", mirror_model(points, axis))
     if points.target.shape[1] == 2:
         swapped = {"target": points.target[:, ::-1].copy()}
         if flat:
