@@ -16,7 +16,7 @@ from rootmatch.explain.more_places import log_shown_chance
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.image_alike import ERRORS
 from rootmatch.model.modes import Modes
-from rootmatch.model.pose_density import LEAST
+from rootmatch.model.pose_density import MINIMUM
 from rootmatch.model.priors import WRONG_MODEL
 
 
@@ -27,7 +27,7 @@ def log_odds_of_line(model: DetectionModel, modes: Modes, k: int) -> float:
     the matches are on no line, or all points are.
     """
     matched, points = modes.assignments[k] >= 0, model.points
-    if np.count_nonzero(matched) < LEAST:
+    if np.count_nonzero(matched) < MINIMUM:
         return -math.inf
     centre, near = points[matched].mean(axis=0), ERRORS[0] * model.radius
     _, sizes, axes = np.linalg.svd(points[matched] - centre)
