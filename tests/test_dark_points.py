@@ -67,6 +67,7 @@ def finding(assignment: list[int], confidence: list[float], probability: float =
     return SimpleNamespace(
         assignment=np.array(assignment), confidence=np.array(confidence), posterior=told, probability=probability,
         task=SimpleNamespace(options=options), model=model, posterior_and_model=(told, model), mode=0,
+        matched_count=int((np.array(assignment) >= 0).sum()),
     )  # fmt: skip
 
 

@@ -44,7 +44,7 @@ def test_one_edge_alone_may_be_of_something_else(problem: Problem) -> None:
     assert match.assignment[:5].tolist() == [0, 1, 2, 3, 4]
     assert not match
     assert log_odds(match) > -2.0
-    assert "something else" in match.advice
+    assert "another object" in match.advice
 
 
 @pytest.mark.parametrize("problem", [UPRIGHT, ZOOMED])

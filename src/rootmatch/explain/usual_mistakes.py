@@ -63,8 +63,8 @@ def obvious_fault(task: MatchingTask) -> str | None:
     if isinstance(task.problem, Similarity) and source.shape[1] == 3 and are_collinear(source):
         return "all points are collinear, which leaves the pose open; add points off the line, or give a `prior`"
     for name in ("source", "target") if isinstance(task.problem, Similarity) else ():
-        own, sigma = getattr(task.points, name), float(np.median(getattr(task.points, f"{name}_noise")))
-        if sigma > float(np.ptp(own, axis=0).max(initial=0.0)):
+        own, noise = getattr(task.points, name), getattr(task.points, f"{name}_noise")
+        if len(own) and (sigma := np.median(noise)) > np.ptp(own, axis=0).max():
             return f"the noise of the {name} is {sigma:.3g}, more than its points lie apart; give it in their unit"
     camera, target = getattr(task.problem, "camera", None), task.points.target
     every = getattr(camera, "cameras", (camera,))
