@@ -62,6 +62,18 @@ def test_a_search_that_ended_too_soon_is_named_as_the_cause() -> None:
     assert late.count("max_seconds") == 1
 
 
+def test_a_search_that_found_nothing_says_whether_it_tried_everything() -> None:
+    found = unexcluded().with_facts(present=0.01, probability=0.01)
+    assert found.status is rm.Status.UNTRUSTED
+    for missed, ended in ((0.0, False), (0.5, True)):
+        text = advice(found.with_facts(missed=missed))
+        assert text.startswith("no trustworthy match: no pose explains more of the points than chance would")
+        assert (
+            text.endswith("or evaluate more hyper-edges with a larger `budget` of `Guided`: not all poses were tried")
+            == ended
+        )
+
+
 def test_doubts_that_add_up_are_not_called_another_assignment() -> None:
     rng, axis = np.random.default_rng(1211), (0.0, 1.0, 0.0)
     points = rng.uniform((-3.0, -2.0, 6.0), (3.0, 2.0, 12.0), (20, 3))

@@ -68,8 +68,9 @@ class Finding:
     """Of the assignment against clutter alone, where the status needed it."""
     noise_factor: float | None = None
     noise_dof: int = 0
+    """Degrees of freedom of the residuals that tell it."""
     moved: float = 0.0
-    """Degrees of freedom of the residuals that tell it, and `Misfit.moved`."""
+    """See `Misfit.moved`."""
     alike: Floats | None = None
     """(W,) log-odds of points that are off by each of `rootmatch.model.image_alike.ERRORS`, of those as given, where
     there is something near points that have no match."""
@@ -91,8 +92,9 @@ class Finding:
     contradicted: bool = False
     """Whether something that is known of the pose in part, and was combined with a prediction, all but excludes it."""
     fitted: Pose | None = None
+    """Its pose, where that is more than the one of its mode, as if a prediction is part of it."""
     is_posed: bool = False
-    """Its pose, if that is not just the one of its mode; and whether it has that of its mode."""
+    """Whether its pose is otherwise that of its mode."""
     posterior: Posterior | None = None
     """Of which it is told, where a model of the image decides."""
     model: DetectionModel | None = None

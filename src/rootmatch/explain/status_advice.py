@@ -158,9 +158,8 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
     if _is_maybe_chance(finding):
         chance, minimum = _format_distinct(facts.probability or 0.0, facts.min_probability)
         what = "chance" if 2.0 * math.exp(min(finding.another, 0.0)) < 1.0 - (facts.probability or 0.0) else ANOTHER
-        against = "it contradicts {} and is far more probable without it; {}, or ".format(
-            *_contradiction_texts(finding)
-        )
+        contradicted, check = _contradiction_texts(finding)
+        against = f"it contradicts {contradicted} and is far more probable without it; {check}, or "
         to_give = _enumerate_inputs([*_missing_inputs(task), "fewer stray detections"])
         return (
             f"no trustworthy match: what was found could be {what} (probability {chance}, `min_probability` {minimum})"
@@ -176,12 +175,13 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
             "no trustworthy match: `search_budget` ended the search of this frame before it found anything that "
             f"chance does not explain; raise it in `TrackingOptions`, or check {problem.to_check}"
         )
-    if facts.present is not None and facts.missed <= TRUST.missed:  # a search that ended by itself
+    if facts.present is not None:
+        whole = facts.missed <= TRUST.missed  # a search that ended by itself
         seen = "" if task.rig is None else "; `diagnose` tries the usual mistakes about a rig"
         to_give = _enumerate_inputs([*_missing_inputs(task), "more points or detections"])
         return (
-            f"no trustworthy match: {nothing_found_text(problem)}; "
-            f"check the noise, {problem.to_check}, or {to_give}{seen}"
+            f"no trustworthy match: {nothing_found_text(problem)}; check the noise, {problem.to_check}, or {to_give}"
+            f"{seen if whole else f', or {finding.longer_search}: not all poses were tried'}"
         )
     in_noise = task.affinity.residual.kind in NOISE_KINDS  # σ has no part in the others
     to_change = "raise the noise" if in_noise else "try another `rho`"
