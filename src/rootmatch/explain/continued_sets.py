@@ -36,7 +36,7 @@ def allow_continued_sets(
     ``taken``: (n',) targets of other bodies.
     """
     source = model.clouds.source
-    if not float(told.probabilities.sum()) >= LIKELY:
+    if not told.shown >= LIKELY:
         return told
     flat = np.zeros((len(source), 3 - source.shape[1]))
     places = continue_body(np.concatenate([source, flat], axis=1), None)

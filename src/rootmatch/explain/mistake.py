@@ -68,13 +68,12 @@ def scale_noise(points: PointSets, source: float, target: float) -> PointSets:
     )
 
 
-def mirror_model(points: PointSets, axis: Floats) -> Change:
-    """A mirrored model, along a unit axis (3,), with its normals."""
-    mirror = np.eye(3) - 2.0 * np.outer(axis, axis)
+def mirror_source(points: PointSets, axis: Floats) -> PointSets:
+    """The same with a source that is mirrored along a unit axis (k,), with its normals."""
+    mirror = np.eye(len(axis)) - 2.0 * np.outer(axis, axis)
     normals = None if points.normals is None else points.normals @ mirror
     spread = None if points.source_covariance is None else mirror @ points.source_covariance @ mirror
-    source = points.source @ mirror
-    return make_change(points=replace(points, source=source, normals=normals, source_covariance=spread))
+    return replace(points, source=points.source @ mirror, normals=normals, source_covariance=spread)
 
 
 class Mistake(NamedTuple):
@@ -148,17 +147,15 @@ def _scale_prior(factor: float, known: Prior) -> Prior | None:
 
 def list_point_set_mistakes(problem: Similarity, given: PointSets) -> Iterator[Mistake]:
     """Mistakes about the points of `Rigid` or `Similarity`."""
-    mirrored = np.array([-1.0, 1.0, 1.0])[: given.source.shape[1]] * given.source
-    handed = not _is_flat(given)
+    mirrored, handed = mirror_source(given, np.eye(given.source.shape[1])[0]), not _is_flat(given)
     if handed:
-        yield Mistake(HANDED, REVERSED, make_change(points=replace(given, source=mirrored)))
+        yield Mistake(HANDED, REVERSED, make_change(points=mirrored))
     if not isinstance(problem, Rigid):
         return
     free, remedy = Similarity(problem.dimension), "use one unit, or Similarity(), which finds the scale"
     for is_mirrored in (False, True)[: 1 + handed]:
-        source = mirrored if is_mirrored else given.source
         name, how = (f"{HANDED}, and {UNIT}", f"{REVERSED}; {remedy}") if is_mirrored else (UNIT, remedy)
-        for k, (points, is_own) in enumerate(_unit_noises(replace(given, source=source))):
+        for k, (points, is_own) in enumerate(_unit_noises(mirrored if is_mirrored else given)):
             told = how if is_own else f"{how}; give the noise of each set in its own unit"
             change = make_change(problem=free, points=points)
             yield Mistake(name, told, change, if_nothing_fits=is_mirrored or k > 0, complete=_with_scale)

@@ -10,7 +10,7 @@ import numpy as np
 from rootmatch.algebra.rotation import angle_count, one_rotation_matrix
 from rootmatch.arrays import Floats, Integers, cache_by_identity
 from rootmatch.cameras.vertical import unit_direction
-from rootmatch.explain.finding import Finding
+from rootmatch.explain.finding import Finding, mode_pose
 from rootmatch.explain.prior_validation import NONE
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
@@ -176,7 +176,7 @@ def _weighed_pose(found: Finding) -> Pose | None:
     modes, k, own = found.posterior.modes, found.mode, found.assignment >= 0
     if (modes.assignments[k][own] != found.assignment[own]).any():
         return None
-    return found.model.pose_of_origin(modes.rotation[k], modes.position[k], modes.covariance[k])
+    return mode_pose(found.model, modes, k)
 
 
 def fused_pose(found: Finding) -> Pose | None:

@@ -238,7 +238,7 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
                 f"ambiguous: `max_seconds` ended the search before it could exclude {missed}; "
                 f"{_enumerate_inputs(['more time', *to_give])}"
             )
-        if np.count_nonzero(finding.assignment >= 0) <= task.minimal:
+        if finding.matched_count <= task.minimal:
             return (
                 "ambiguous: nothing better was found, but no search can try every pose that explains so few points; "
                 f"{_enumerate_inputs([*to_give, 'more detections'])}"

@@ -27,7 +27,7 @@ from rootmatch.explain.mistake import (
     list_point_set_mistakes,
     list_prior_mistakes,
     make_change,
-    mirror_model,
+    mirror_source,
     ratio_of_units,
     scale_noise,
 )
@@ -156,7 +156,8 @@ def _axis_mistakes(
     points, camera = task.points, cameras.get("camera")
     flat = points.source.shape[1] == 2
     if isinstance(camera, Rig):
-        yield Mistake(HANDED_MODEL, "negate one coordinate of points and normals", mirror_model(points, np.eye(3)[0]))
+        change = make_change(points=mirror_source(points, np.eye(3)[0]))
+        yield Mistake(HANDED_MODEL, "negate one coordinate of points and normals", change)
         each = [(own, np.array(R), np.array(t)) for own, R, t in camera.views]
         other_poses = {
             "the camera poses map to the rig": ("the inverse", [(own, R.T, -R.T @ t) for own, R, t in each]),
@@ -199,8 +200,9 @@ def _axis_mistakes(
         yield Mistake(name, remedy, mirrored_along(0))
     if (upright := getattr(task.problem, "upright", None)) is not None:  # that of a mirrored image is mirrored as well
         every = ((HANDED_MODEL, "one level"), ("heights of the model are depths", "the vertical"))
-        for (name, which), axis in zip(every, upright.world, strict=False):
-            yield Mistake(name, f"negate {which} coordinate of points and normals", mirror_model(points, axis))
+        for (name, which), axis in zip(every, upright.world[:2], strict=True):
+            change = make_change(points=mirror_source(points, axis))
+            yield Mistake(name, f"negate {which} coordinate of points and normals", change)
     if points.target.shape[1] == 2:
         swapped = {"target": points.target[:, ::-1].copy()}
         if flat:

@@ -22,7 +22,7 @@ from rootmatch.algebra.rotation import angle_count, rotation_from_vector
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.matchings import sum_matchings_by_part
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.model.priors import NOISE_FREEDOM, log_chance
 from rootmatch.model.shown_regions import log_region_factor
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 from rootmatch.problems.pose_fit.pose_prior import turn_vectors
@@ -234,7 +234,7 @@ def _sample_motions(fit: PointSetFit, share: Floats, rng: np.random.Generator) -
     white = np.linalg.inv(root)
     squared = ((np.concatenate(steps, axis=2) @ white.swapaxes(1, 2)) ** 2).sum(axis=2)
     log_density = np.log(np.diagonal(white, axis1=1, axis2=2)).sum(axis=1)[:, None] - 0.5 * squared
-    return motions, -np.logaddexp.reduce(log_density + np.log(np.maximum(share, 1e-300))[:, None], axis=0)
+    return motions, -np.logaddexp.reduce(log_density + log_chance(share)[:, None], axis=0)
 
 
 def _transform_points(motions: PointSetFit, points: Floats) -> Floats:

@@ -51,10 +51,15 @@ class PointSetPosterior:
     twins: Bools | None = None
     copies: int = 1
 
+    @cached_property
+    def shown(self) -> float:
+        """Probability that one of the hypotheses holds."""
+        return float(self.probabilities.sum())
+
     @property
     def present(self) -> float:
         """Probability that the object is among the targets, or that one of its copies is where it may be."""
-        own = float(self.probabilities.sum())
+        own = self.shown
         if self.copies > 1 and len(self.probabilities):
             there = np.isin(self.assignments, self.assignments[0][self.assignments[0] >= 0]).any(axis=1)
             own = max(own, self.copies * float(self.probabilities[there].sum()))
@@ -89,7 +94,7 @@ class PointSetPosterior:
         """
         top = max(float(log_factors.max(initial=0.0)), log_other)
         weights = self.probabilities * np.exp(log_factors - top)
-        rest = max(1.0 - float(self.probabilities.sum()), 0.0) * math.exp(-top) + math.exp(log_other - top)
+        rest = max(1.0 - self.shown, 0.0) * math.exp(-top) + math.exp(log_other - top)
         whole = float(weights.sum()) + rest
         told = sort_hypotheses(self.assignments, weights / whole, self.sums, self.twins)
         return copy_with(told, log_total=self.log_total + top + math.log(whole), copies=self.copies)
@@ -116,7 +121,7 @@ class PointSetPosterior:
         here, rest = float(self.probabilities[same].sum()), self.probabilities[~same]
         each = here * own + rest @ (self.assignments[~same] == first)
         unmatched = here * without + rest @ (self.assignments[~same] < 0)
-        absent = max(1.0 - float(self.probabilities.sum()), 0.0)
+        absent = max(1.0 - self.shown, 0.0)
         each = each + absent * (first < 0)
         return np.minimum(each, 1.0 - WRONG_MODEL), np.minimum(unmatched + absent, 1.0 - WRONG_MODEL)
 

@@ -15,6 +15,11 @@ def probability(log_odds: float) -> float:
     return 1.0 / (1.0 + math.exp(min(-log_odds, 700.0)))
 
 
+def log_chance(chance: Floats) -> Floats:
+    """Logarithms of probabilities, finite where these are 0."""
+    return np.asarray(np.log(np.maximum(chance, 1e-300)))
+
+
 PRESENT_ODDS = math.log(0.8) - math.log1p(-0.8)
 """Logarithm of the prior odds that the image shows the body, given that somebody asks for it: a probability of 0.8."""
 IN_VIEW = probability(PRESENT_ODDS)

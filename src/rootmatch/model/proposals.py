@@ -25,8 +25,6 @@ from rootmatch.model.views import camera_frames
 FEW = 6
 """Number of points up to which all poses of minimal sets are tried: with more, one minimum is far deeper than the
 others, whichever cameras see them. A round value."""
-RIGID = 1e-6
-"""Deviation of the determinant of a rotation from 1 beyond which it is none: far more than rounding errors of one."""
 FLAT = 0.05
 """Misfit of a motion, over the size of what it moves, up to which it is proposed beside a reflection that fits better.
 A round value."""
@@ -116,16 +114,8 @@ def solve_minimal_sets(model: DetectionModel, assignments: Integers, maximum: in
         maximum,
         (of, members, rotation, position),
     )
-    of, members, rotation, position = of[:count], members[:count], rotation[:count], position[:count]
-    # the frame of a triple on a line has no third axis but a rounding error: what turns the line onto its image does
-    (skew,) = (np.abs(np.linalg.det(rotation) - 1.0) > RIGID).nonzero()
-    if len(skew):
-        u, _, v = np.linalg.svd(rotation[skew])
-        u[..., 2] *= np.linalg.det(u @ v)[:, None]
-        middle = model.centred_body[0][members[skew]].mean(axis=1)
-        position[skew] += ((rotation[skew] - u @ v) @ middle[..., None])[..., 0]
-        rotation[skew] = u @ v
-    return MinimalSets(of, members, Proposals(assignments[of], rotation, position))
+    proposals = Proposals(assignments[of[:count]], rotation[:count], position[:count])
+    return MinimalSets(of[:count], members[:count], proposals)
 
 
 def fit_assignments(model: DetectionModel, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:

@@ -161,7 +161,7 @@ def _camera_steps(problem: Problem, source: ArrayLike | None, options: dict[str,
     for body in bodies:
         yield partial(_fly, problem, body)
         yield partial(_search_frames, problem, body)
-    if not isinstance(problem.camera, Rig):  # type: ignore[attr-defined]
+    if problem.rig is None:
         yield partial(_match_dense_image, problem, Body(rng.normal(size=(DENSE, 3)), others))
 
 

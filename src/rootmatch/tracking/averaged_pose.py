@@ -36,7 +36,7 @@ from rootmatch.model.errors_in_common import errors_in_common
 from rootmatch.model.evidence import squared_deviations, weigh_assignments
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import PoseDensity, Terms
-from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.model.priors import WRONG_MODEL, log_chance
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.shared_errors import SharedPose
 
@@ -169,7 +169,7 @@ def _project_along(
     value = -0.5 * squared_deviations(model, assignments, at) + off @ known.slope
     value -= 0.5 * ((off @ known.precision) * off).sum(axis=1)
     seen = model.visibility(at, np.zeros(len(off)))
-    value += np.where(assignments >= 0, np.log(np.maximum(seen, 1e-300)), 0.0).sum(axis=1)
+    value += np.where(assignments >= 0, log_chance(seen), 0.0).sum(axis=1)
     value = np.where(np.isfinite(value), value, -np.inf)
     if not np.isfinite(value.max()):
         return None

@@ -24,7 +24,7 @@ from rootmatch.explain.rig_triples import is_met_by_search
 from rootmatch.frozen import copy_with
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Doubted
-from rootmatch.model.priors import IN_VIEW, PRESENT_ODDS, WRONG_MODEL
+from rootmatch.model.priors import IN_VIEW, PRESENT_ODDS, WRONG_MODEL, log_chance
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import average_pose
@@ -35,7 +35,6 @@ from rootmatch.tracking.followed_places import (
     clutter_after,
     copy_chance,
     log_absence,
-    log_chance,
     log_return,
     log_returned,
     overlooked_chance,

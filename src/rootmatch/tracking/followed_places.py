@@ -33,7 +33,7 @@ from rootmatch.model.image_alike import cache_answer
 from rootmatch.model.modes import Modes, is_same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
-from rootmatch.model.priors import COPY, IN_VIEW, PRESENT_ODDS, probability
+from rootmatch.model.priors import COPY, IN_VIEW, PRESENT_ODDS, log_chance, probability
 from rootmatch.tracking.followed_pose import FollowedPose
 from rootmatch.tracking.mistaken_identity import FLOOR
 
@@ -181,11 +181,6 @@ def copy_chance(alone: float) -> float:
 def later_chance(chance: Chance, usual: float, seconds: float, lasts: float) -> Chance:
     """Probability of what may change, some seconds later: back to the ``usual`` one, by e within ``lasts`` seconds."""
     return usual + (chance - usual) * math.exp(-seconds / lasts)
-
-
-def log_chance(chance: Floats) -> Floats:
-    """Logarithms of probabilities, finite where these are 0."""
-    return np.asarray(np.log(np.maximum(chance, 1e-300)))
 
 
 def absence_chance(before: float, seconds: float) -> float:

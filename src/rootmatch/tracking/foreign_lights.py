@@ -16,8 +16,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.model.detection_model import USUAL_RATE
 from rootmatch.model.evidence import weigh_assignments
 from rootmatch.model.pose_density import Doubted
-from rootmatch.model.priors import WRONG_MODEL
-from rootmatch.tracking.followed_places import log_chance
+from rootmatch.model.priors import WRONG_MODEL, log_chance
 from rootmatch.tracking.mistaken_identity import STAYS
 
 RECENT = 0.25

@@ -15,10 +15,9 @@ from rootmatch.explain.rig_triples import is_met_by_search
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import MINIMUM
-from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.model.priors import WRONG_MODEL, log_chance
 from rootmatch.tracking.followed_places import (
     LOOKED_AT,
-    log_chance,
     log_return,
     relative_log_weights,
     sole_odds_of,

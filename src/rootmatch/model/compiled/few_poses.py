@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from rootmatch.algebra.rotation import SKEW
 from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.problems.p3p.roots import ratio_pairs
@@ -41,7 +42,7 @@ def find_wide_triple(image, target, left_out, out):  # type: ignore[no-untyped-d
 
 @part
 def fill_triangle_frame(corners, out):  # type: ignore[no-untyped-def]
-    """Orthonormal frame of a triangle (3, 3), one corner a row, in the columns of ``out``."""
+    """`triangle_frames` of a triangle (3, 3), one corner a row, in the columns of ``out``."""
     ax, ay, az = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1], corners[1, 2] - corners[0, 2]
     bx, by, bz = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1], corners[2, 2] - corners[0, 2]
     length = math.sqrt(ax * ax + ay * ay + az * az)
@@ -49,6 +50,11 @@ def fill_triangle_frame(corners, out):  # type: ignore[no-untyped-def]
     nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
     nx, ny, nz = nx / length, ny / length, nz / length
+    along = nx * ax + ny * ay + nz * az
+    if abs(along) > SKEW:
+        nx, ny, nz = nx - along * ax, ny - along * ay, nz - along * az
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        nx, ny, nz = nx / length, ny / length, nz / length
     out[0, 0], out[1, 0], out[2, 0] = ax, ay, az
     out[0, 1], out[1, 1], out[2, 1] = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
     out[0, 2], out[1, 2], out[2, 2] = nx, ny, nz
