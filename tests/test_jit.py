@@ -1,13 +1,8 @@
-"""Numba's insides are used in one folder, and matching works without each of them."""
+"""Numba's insides are used in one folder."""
 
 from __future__ import annotations
 
 import ast
-import json
-import os
-import subprocess
-import sys
-import warnings
 from pathlib import Path
 
 import pytest
@@ -84,138 +79,6 @@ def test_jit_uses_them() -> None:
     assert {name for path in (SOURCES / "jit").glob("*.py") for name in insides_used(nodes_of(path))} > {
         "numba.core.registry.CPUDispatcher", "numba.extending.lower_builtin", "py_func", "co_consts",
     }  # fmt: skip
-
-
-WITHOUT = """
-import builtins, json, os, sys, types as python_types, warnings
-import numba, numba.core.typing.templates, numba.extending
-
-for GONE, CHANGED, MATCHES in json.loads(sys.argv[1]):
-    if child := os.fork():  # each case is told of the same Numba, which takes as long to import as all the rest
-        assert os.waitpid(child, 0)[1] == 0
-    else:
-        break
-else:
-    sys.exit()
-original = builtins.__import__
-
-
-class Changed:
-    def __init__(self):
-        pass
-
-
-def importing(name, globals=None, locals=None, fromlist=(), level=0):
-    # to rootmatch alone: Numba itself goes on with what it has
-    if str((globals or {}).get("__name__")).startswith("rootmatch."):
-        for one in fromlist or ():
-            if [name, one] in GONE:
-                raise ImportError(f"cannot import name {one!r} from {name!r}")
-            if [name, one] in CHANGED:
-                return python_types.SimpleNamespace(**{one: Changed})
-    return original(name, globals, locals, fromlist, level)
-
-
-builtins.__import__ = importing
-found = {}
-with warnings.catch_warnings(record=True) as caught:
-    warnings.simplefilter("always")
-    import rootmatch as rm, rootmatch.api
-    from rootmatch.precompile.scenes import sample
-    if MATCHES:
-        # of all problems and ways to match these kernels are the quickest to compile
-        scene, how = sample("similarity"), {"residual": "qr", "sampler": "exhaustive", "solver": "power-l1"}
-        match = rm.match(scene.source, scene.target, scene.problem, noise=scene.noise, seed=1, **how)
-        found["match"] = match.assignment.tolist(), list(range(8)), match.score
-found["warnings"] = [str(one.message) for one in caught if issubclass(one.category, RuntimeWarning)]
-print(json.dumps(found))
-"""
-needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks here")
-DISPATCHER = ["numba.core.registry", "CPUDispatcher"]
-COMPILER = ["numba.core", "compiler"]
-TEMPLATE = ["numba.core.typing.templates", "AbstractTemplate"]
-LOWER = ["numba.extending", "lower_builtin"]
-MODEL = ["numba.core", "datamodel"]
-RUNTIME = ["numba.core.runtime.nrt", "rtsys"]
-INLINED, ENTRIES, BETWEEN, COUNTED = "need not be inlined", "compiled for Python too", "in between", "are counted"
-KEPT = "come with it cannot be used"
-
-
-def without(folder: Path, *cases: tuple[list[list[str]], list[list[str]], bool]) -> list[dict]:
-    """What processes find to which insides of Numba are gone or changed, and whether they are to match."""
-    # compiled code would be found on disk, whatever it was compiled with; optimising it takes longer than running it
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder), "PYTHONPATH": os.pathsep.join(sys.path)}
-    environment["NUMBA_OPT"] = "0"
-    program = [sys.executable, "-c", WITHOUT, json.dumps(cases)]
-    done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-3000:]
-    return [json.loads(line) for line in done.stdout.splitlines()]
-
-
-LOSSES: dict[str, tuple[list[list[str]], list[list[str]], list[str]]] = {
-    "nothing": ([], [], []),
-    "dispatcher": ([DISPATCHER], [], [ENTRIES, KEPT]),
-    "dispatcher changed": ([], [DISPATCHER], [ENTRIES, KEPT]),
-    "runtime": ([RUNTIME], [], [KEPT]),
-    "compiler": ([COMPILER], [], [INLINED, ENTRIES]),
-    "template": ([TEMPLATE], [], [BETWEEN]),
-    "model": ([MODEL], [], [COUNTED]),
-    "lower": ([LOWER], [], [BETWEEN, COUNTED]),
-}
-"""What is gone, what is changed, and what is told then."""
-
-
-@pytest.fixture(scope="module")
-def told_of_each(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
-    """The warnings of each loss."""
-    cases = [(gone, changed, False) for gone, changed, _ in LOSSES.values()]
-    found = without(tmp_path_factory.mktemp("losses"), *cases)
-    return {name: one["warnings"] for name, one in zip(LOSSES, found, strict=True)}
-
-
-@needs_fork
-@pytest.mark.parametrize("name", LOSSES)
-def test_each_loss_is_told_once(told_of_each: dict[str, list[str]], name: str) -> None:
-    told, losses = told_of_each[name], LOSSES[name][2]
-    assert len(told) == len(losses)
-    for loss in losses:
-        assert sum(loss in one for one in told) == 1
-
-
-@needs_fork
-def test_matching_works_without(tmp_path: Path) -> None:
-    """Without any of them: to compile the match takes most of the time, and each has a fallback of its own."""
-    (found,) = without(tmp_path, ([DISPATCHER, MODEL, COMPILER, TEMPLATE], [], True))
-    assignment, truth, score = found["match"]
-    assert assignment == truth
-    assert score == pytest.approx(56.0, abs=0.1)  # of as many hyper-edges
-    assert found["warnings"]
-
-
-def test_single_precision_falls_back_to_double(monkeypatch: pytest.MonkeyPatch) -> None:
-    from rootmatch.algebra.vector import dot
-    from rootmatch.jit import float32
-    from rootmatch.jit.fallback import JitFallbackWarning
-    from rootmatch.simulation import up2p_scene
-
-    def unlike(function: object) -> object:
-        raise TypeError("code() got an unexpected argument")
-
-    scene = up2p_scene(5, 0, 0.5, 1)
-    tables = scene.problem.prepare(scene.source, scene.target[scene.truth], 0.5)
-    monkeypatch.setattr(float32, "_remake_function", unlike)
-    float32.can_remake.cache_clear()
-    try:
-        with pytest.warns(JitFallbackWarning, match="single precision"):
-            kernel = float32.kernel_for_tables(float32.round_tables(tables), dot)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            again = float32.kernel_for_tables(float32.round_tables(tables), dot)
-        assert kernel is again is dot
-    finally:
-        monkeypatch.undo()
-        float32.can_remake.cache_clear()
-    assert float32.kernel_for_tables(float32.round_tables(tables), dot) is not dot
 
 
 def kernels_of(path: Path) -> list[ast.FunctionDef]:

@@ -12,8 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import types
-
-from rootmatch.jit.fallback import MISSING, warn_lost
+from numba.extending import lower_builtin, type_callable
 
 
 def borrow(value: Any) -> Any:
@@ -39,47 +38,17 @@ def _drop_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     return value
 
 
-def _register_extension() -> None:
-    """Make it known to Numba as typing and lowering of its own.
+# Typing and lowering of its own, not an overload, which would be a function to compile for each combination of types, a
+# tenth of a second each; least of all with inline="always": where Numba copied the body into its caller it mixed up
+# variables of the ascent that are set on several ways through a loop, and the results were wrong.
+@type_callable(borrow)
+def _typed(context: Any) -> Callable[[Any], Any]:
+    def type_of(value: Any) -> Any:
+        return value
 
-    Not as an overload, which would be a function to compile for each combination of types, a tenth of a second each;
-    least of all with inline="always": where Numba copied the body into its caller it mixed up variables of the ascent
-    that are set on several ways through a loop, and the results were wrong.
-    """
-    from numba.core import cpu, datamodel
-    from numba.extending import lower_builtin, type_callable
-
-    # what the lowering needs, looked at now: there it would be too late to do without
-    insides: Any = datamodel
-    _ = cpu.CPUContext.make_array
-    insides.default_manager.lookup(types.Array(types.float64, 1, "C")).get_field_position("meminfo")
-
-    @type_callable(borrow)
-    def typed(context: Any) -> Callable[[Any], Any]:
-        def type_of(value: Any) -> Any:
-            return value
-
-        return type_of
-
-    @lower_builtin(borrow, types.Any)  # type: ignore[no-untyped-call]
-    def lowered(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return _drop_owner(context, builder, signature.args[0], arguments[0])
+    return type_of
 
 
-def _register_overload() -> None:
-    """Make it known as a function that hands its argument back."""
-    from numba.extending import overload
-
-    @overload(borrow)
-    def same(value: Any) -> Callable[[Any], Any]:
-        def implementation(value: Any) -> Any:
-            return value
-
-        return implementation
-
-
-try:
-    _register_extension()
-except MISSING as error:
-    _register_overload()
-    warn_lost("references are counted in the innermost loops: sweeps and the ascent are slower", error)
+@lower_builtin(borrow, types.Any)  # type: ignore[no-untyped-call]
+def _lowered(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    return _drop_owner(context, builder, signature.args[0], arguments[0])

@@ -15,7 +15,6 @@ from numba import cuda, types
 
 from rootmatch.errors import InputError
 from rootmatch.jit.dispatch import OVERLOADS
-from rootmatch.jit.fallback import MISSING
 
 SIMULATED: bool = bool(cuda.config.ENABLE_CUDASIM) if hasattr(cuda, "config") else False
 """Whether Numba's simulator stands in for a card (``NUMBA_ENABLE_CUDASIM=1``)."""
@@ -42,7 +41,7 @@ def register_kernels() -> None:
             if function not in _known:
                 overload(function)(choice)
                 _known.add(function)
-    except MISSING as error:
+    except (ImportError, AttributeError, TypeError) as error:
         raise InputError(
             f'backend: "cuda" needs overloads of numba-cuda, which this version lacks with Numba {numba.__version__} '
             f"and NumPy {np.__version__} ({type(error).__name__}: {error}); install another version of numba-cuda or "

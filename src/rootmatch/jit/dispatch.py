@@ -11,9 +11,9 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import types
-from numba.extending import overload
+from numba.core.typing.templates import AbstractTemplate, infer_global
+from numba.extending import lower_builtin, overload
 
-from rootmatch.jit.fallback import MISSING, warn_lost
 from rootmatch.jit.options import FORCED
 
 OVERLOADS: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
@@ -25,7 +25,9 @@ def choose_by_types(function: Callable[..., Any]) -> Callable[[Callable[..., Any
 
     def known(choice: Callable[..., Any]) -> Callable[..., Any]:
         OVERLOADS.append((function, choice))
-        return _overload_function(function, choice)
+        options: Any = dict(FORCED)
+        result: Callable[..., Any] = overload(function, jit_options=options)(choice)
+        return result
 
     return known
 
@@ -37,10 +39,19 @@ def call_by_types(function: Callable[..., Any]) -> Callable[[Callable[..., Any]]
     """
 
     def known(choice: Callable[..., Any]) -> Callable[..., Any]:
-        if CALLED_DIRECTLY:
-            _replace_call(function, choice)
-        else:
-            _overload_function(function, _make_calling_choice(choice))
+        class Chosen(AbstractTemplate):
+            key = function
+
+            def generic(self, arguments: Any, keywords: Any) -> Any:
+                return types.Dispatcher(choice(*arguments)).get_call_type(self.context, arguments, keywords)
+
+        infer_global(function, types.Function(Chosen))  # type: ignore[no-untyped-call]
+
+        @lower_builtin(function, types.VarArg(types.Any))  # type: ignore[no-untyped-call]
+        def called(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            kernel = types.Dispatcher(choice(*signature.args))
+            return context.get_function(kernel, signature)(builder, arguments)
+
         return choice
 
     return known
@@ -54,63 +65,6 @@ def dispatch_to_kernel(kernels: Callable[[Any], Any], name: str) -> Callable[...
 
     call_by_types(called)(lambda tables, *arguments: getattr(kernels(tables), name))
     return called
-
-
-def _overload_function(function: Callable[..., Any], choice: Callable[..., Any]) -> Callable[..., Any]:
-    options: Any = dict(FORCED)
-    result: Callable[..., Any] = overload(function, jit_options=options)(choice)
-    return result
-
-
-def _make_calling_choice(choice: Callable[..., Any]) -> Callable[..., Any]:
-    """The choice of a function that calls the kernel which ``choice`` names."""
-
-    def overloaded(*arguments: Any) -> Callable[..., Any]:
-        kernel = choice(*arguments)
-
-        def implementation(*arguments: Any) -> Any:
-            return kernel(*arguments)
-
-        return implementation
-
-    return overloaded
-
-
-def _replace_call(function: Callable[..., Any], choice: Callable[..., Any]) -> None:
-    """Tell Numba's typing and lowering that a call of the function is one of the kernel."""
-    from numba.core.typing.templates import AbstractTemplate, infer_global
-    from numba.extending import lower_builtin
-
-    class Chosen(AbstractTemplate):
-        key = function
-
-        def generic(self, arguments: Any, keywords: Any) -> Any:
-            return types.Dispatcher(choice(*arguments)).get_call_type(self.context, arguments, keywords)
-
-    infer_global(function, types.Function(Chosen))  # type: ignore[no-untyped-call]
-
-    @lower_builtin(function, types.VarArg(types.Any))  # type: ignore[no-untyped-call]
-    def called(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kernel = types.Dispatcher(choice(*signature.args))
-        return context.get_function(kernel, signature)(builder, arguments)
-
-
-def _probe() -> None:
-    """A function that no compiled code calls."""
-
-
-CALLED_DIRECTLY = True
-"""Whether `calls` replaces a call by one of the kernel; else an overload stands between them."""
-
-try:
-    from numba.core.cpu import CPUContext
-
-    # what the lowering needs, looked at now: there it would be too late to do without
-    _ = types.Dispatcher.get_call_type, CPUContext.get_function
-    _replace_call(_probe, lambda: None)
-except MISSING as error:
-    CALLED_DIRECTLY = False
-    warn_lost("kernels are called through functions in between: the first match takes longer", error)
 
 
 def tuple_class(value: Any) -> Any:

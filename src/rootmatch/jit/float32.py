@@ -12,7 +12,6 @@ inf, nan``), not from ``np.inf``, which is a double; and an integer never meets 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from types import CellType, CodeType, FunctionType
 from typing import Any
 
@@ -20,7 +19,6 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from rootmatch.jit.fallback import MISSING, warn_lost
 from rootmatch.jit.internal import internal_function
 
 EPSILON = float(np.finfo(np.float32).eps)
@@ -45,32 +43,11 @@ def round_constant(value: Any) -> Any:
 
 
 def single_precision_twin(kernel: Any) -> Any:
-    """The kernel in single precision: jitted with the kernel's options, or plain where compilation is switched off.
-
-    The kernel itself where this Python's code cannot be remade.
-    """
-    if not can_remake():
-        return kernel
+    """The kernel in single precision: jitted with the kernel's options, or plain where compilation is switched off."""
     if kernel not in _twins:
         remade: Any = _remake_function(getattr(kernel, "py_func", kernel))
         _twins[kernel] = internal_function(**kernel.asked)(remade) if hasattr(kernel, "asked") else remade
     return _twins[kernel]
-
-
-def _probe() -> float:
-    return 0.5
-
-
-@cache
-def can_remake() -> bool:
-    """Whether the constants of a function can be exchanged in this version of Python."""
-    try:
-        if type(_remake_function(_probe)()) is not np.float32:  # type: ignore[arg-type]
-            raise ValueError("constants of bytecode are not where they were")
-    except MISSING as error:
-        warn_lost("nothing is computed in single precision: a screen on a card is no faster", error)
-        return False
-    return True
 
 
 def _remake_function(function: FunctionType) -> FunctionType:

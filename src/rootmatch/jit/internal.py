@@ -6,72 +6,63 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import config, njit
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.registry import CPUDispatcher
 
-from rootmatch.jit.fallback import MISSING, warn_lost
-from rootmatch.jit.options import check
+from rootmatch.jit.options import WITHOUT_ENTRIES
 
-WITHOUT_ENTRIES = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-try:
-    from numba.core.codegen import JITCodeLibrary
-    from numba.core.compiler import Compiler
-    from numba.core.registry import CPUDispatcher
+class LinkedLibrary(JITCodeLibrary):
+    """Code that others link, each a copy of its own, and that is not made machine code by itself."""
 
-    class LinkedLibrary(JITCodeLibrary):
-        """Code that others link, each a copy of its own, and that is not made machine code by itself."""
+    @property
+    def codegen(self) -> Any:
+        """The object that Numba hands a function's environment: this library, which knows whether it needs one."""
+        return self
 
-        @property
-        def codegen(self) -> Any:
-            """The object that Numba hands a function's environment: this library, which knows whether it needs one."""
-            return self
+    def set_env(self, name: str, environment: Any) -> None:
+        """Generate machine code after all if the function reads Python constants from its environment."""
+        if environment.consts:
+            super()._finalize_final_module()  # type: ignore[no-untyped-call]
+            emitting: Any = self._codegen
+            emitting.set_env(name, environment)
 
-        def set_env(self, name: str, environment: Any) -> None:
-            """Generate machine code after all if the function reads Python constants from its environment."""
-            if environment.consts:
-                super()._finalize_final_module()  # type: ignore[no-untyped-call]
-                emitting: Any = self._codegen
-                emitting.set_env(name, environment)
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
+        self._verify_declare_only_symbols()  # type: ignore[no-untyped-call]
+        self._finalized = True
 
-        def _finalize_final_module(self) -> None:
-            self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
-            self._verify_declare_only_symbols()  # type: ignore[no-untyped-call]
-            self._finalized = True
 
-    class LinkedCompiler(Compiler):
-        """A compiler whose functions are made for others to link."""
+class LinkedCompiler(Compiler):
+    """A compiler whose functions are made for others to link."""
 
-        def compile_extra(self, func: Any) -> Any:
-            """Compile a Python function into a library for others to link."""
-            codegen = self.state.targetctx.codegen()
-            self.state.library = LinkedLibrary(codegen, func.__qualname__)  # type: ignore[no-untyped-call]
-            self.state.library.enable_object_caching()
-            return super().compile_extra(func)  # type: ignore[no-untyped-call]
+    def compile_extra(self, func: Any) -> Any:
+        """Compile a Python function into a library for others to link."""
+        codegen = self.state.targetctx.codegen()
+        self.state.library = LinkedLibrary(codegen, func.__qualname__)  # type: ignore[no-untyped-call]
+        self.state.library.enable_object_caching()
+        return super().compile_extra(func)  # type: ignore[no-untyped-call]
 
-    class InternalDispatcher(CPUDispatcher):
-        """A jitted function without the entries by which Python and C would call it.
 
-        They take half of the time to compile a small function, and each of them would hold a copy of all that is
-        inlined. Called from Python all the same, it is compiled for that apart.
-        """
+class InternalDispatcher(CPUDispatcher):
+    """A jitted function without the entries by which Python and C would call it.
 
-        asked: dict[str, Any]
-        outer: Callable[..., Any] | None = None
+    They take half of the time to compile a small function, and each of them would hold a copy of all that is
+    inlined. Called from Python all the same, it is compiled for that apart.
+    """
 
-        def __init__(self, py_func: Any, **options: Any) -> None:
-            super().__init__(py_func, pipeline_class=LinkedCompiler, **options)
+    asked: dict[str, Any]
+    outer: Callable[..., Any] | None = None
 
-        def __call__(self, *arguments: Any) -> Any:
-            """Call the function from Python, with the result that jitted code gets."""
-            if self.outer is None:
-                self.outer = njit(**self.asked)(self.py_func)
-            return self.outer(*arguments)
+    def __init__(self, py_func: Any, **options: Any) -> None:
+        super().__init__(py_func, pipeline_class=LinkedCompiler, **options)
 
-    check(**WITHOUT_ENTRIES)
-    InternalDispatcher(lambda: None, targetoptions={"nopython": True, "boundscheck": None, **WITHOUT_ENTRIES})
-    AVAILABLE = True
-except MISSING as error:
-    AVAILABLE = False
-    warn_lost("every jitted function is compiled for Python too: the first match takes longer", error)
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the function from Python, with the result that jitted code gets."""
+        if self.outer is None:
+            self.outer = njit(**self.asked)(self.py_func)
+        return self.outer(*arguments)
 
 
 def internal_function(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -80,12 +71,9 @@ def internal_function(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     def decorated(function: Callable[..., Any]) -> Any:
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             return function
-        if AVAILABLE:
-            made = InternalDispatcher(
-                function, targetoptions={"nopython": True, "boundscheck": None, **options, **WITHOUT_ENTRIES}
-            )
-        else:
-            made = njit(**options)(function)
+        made = InternalDispatcher(
+            function, targetoptions={"nopython": True, "boundscheck": None, **options, **WITHOUT_ENTRIES}
+        )
         made.asked = options
         return made
 

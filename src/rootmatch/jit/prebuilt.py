@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from llvmlite import binding
 
 from rootmatch.jit import sources
-from rootmatch.jit.fallback import MISSING
 
 FOLDER = Path(__file__).parent / "prebuilt_kernels"
 MANIFEST = "manifest.json"
@@ -89,10 +89,8 @@ def _cpu_misfit(cpu: str) -> str | None:
     if config.CPU_NAME is not None or config.CPU_FEATURES is not None:
         return "NUMBA_CPU_NAME or NUMBA_CPU_FEATURES asks for a processor"
     try:
-        from llvmlite import binding
-
         features = dict(binding.get_host_cpu_features())
-    except (*MISSING, RuntimeError):
+    except RuntimeError:  # not known for every processor
         return "this processor's features are unknown"
     name, needed = GENERIC.get(architecture(), ("", ()))
     lacking = [feature for feature in needed if not features.get(feature)]
