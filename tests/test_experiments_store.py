@@ -87,7 +87,7 @@ def test_another_layout_is_refused(tmp_path):
     path = tmp_path / "results.sqlite"
     with sqlite3.connect(path) as connection:
         connection.execute("PRAGMA user_version=99")
-    with pytest.raises(InputError, match="layout 99, expected 1"):
+    with pytest.raises(InputError, match="layout 99, expected 2"):
         Store(path)
 
 

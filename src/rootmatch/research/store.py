@@ -18,30 +18,25 @@ from rootmatch.research.output_files import make_folder
 from rootmatch.research.paper.settings import Method, Setting
 from rootmatch.solvers.base import Solution
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 WAITS = 60.0
 """Seconds for which a run waits for another one that is writing."""
 
-_SCHEMA = """
-CREATE TABLE settings (
-    id INTEGER PRIMARY KEY, problem TEXT NOT NULL, outliers INTEGER NOT NULL, noise REAL NOT NULL,
-    baseline REAL NOT NULL, motions INTEGER NOT NULL, UNIQUE (problem, outliers, noise, baseline, motions));
-CREATE TABLE methods (
-    id INTEGER PRIMARY KEY, residual TEXT NOT NULL, solver TEXT NOT NULL, rho REAL NOT NULL,
-    UNIQUE (residual, solver, rho));
+_KEY = "problem, outliers, noise, baseline, motions, residual, solver, rho, seed, samples"
+"""Columns of a setting, of a method, the seed and the sample size."""
+_SCHEMA = f"""
 CREATE TABLE versions (id INTEGER PRIMARY KEY, text TEXT NOT NULL UNIQUE);
 CREATE TABLE results (
-    setting INTEGER NOT NULL REFERENCES settings, method INTEGER NOT NULL REFERENCES methods,
+    problem TEXT NOT NULL, outliers INTEGER NOT NULL, noise REAL NOT NULL, baseline REAL NOT NULL,
+    motions INTEGER NOT NULL, residual TEXT NOT NULL, solver TEXT NOT NULL, rho REAL NOT NULL,
     seed INTEGER NOT NULL, samples INTEGER NOT NULL,
     accuracy REAL NOT NULL, score REAL NOT NULL, hyperedges INTEGER NOT NULL,
-    iterations INTEGER NOT NULL, converged INTEGER NOT NULL, versions INTEGER NOT NULL REFERENCES versions,
-    PRIMARY KEY (setting, method, seed, samples)) WITHOUT ROWID;
-CREATE TABLE work (seconds REAL NOT NULL, settings INTEGER NOT NULL, finished TEXT DEFAULT CURRENT_TIMESTAMP);
+    iterations INTEGER NOT NULL, converged INTEGER NOT NULL, version INTEGER NOT NULL REFERENCES versions,
+    PRIMARY KEY ({_KEY})) WITHOUT ROWID;
+CREATE TABLE work (seconds REAL NOT NULL, finished TEXT DEFAULT CURRENT_TIMESTAMP);
 CREATE VIEW rows AS
-    SELECT problem, outliers, noise, baseline, motions, residual, solver, rho, seed, samples,
-           accuracy, score, hyperedges, iterations, converged, text AS versions
-    FROM results JOIN settings ON settings.id = setting JOIN methods ON methods.id = method
-         JOIN versions ON versions.id = results.versions;
+    SELECT {_KEY}, accuracy, score, hyperedges, iterations, converged, text AS versions
+    FROM results JOIN versions ON versions.id = version;
 """
 
 
@@ -181,58 +176,39 @@ class Store:
         with self._explain_errors():
             return self._connection.execute(query, values).fetchall()
 
-    def _id(self, table: str, columns: tuple[str, ...], values: tuple[object, ...]) -> int:
-        """Number of a line of a table, added when absent."""
-        where = " AND ".join(f"{column} = ?" for column in columns)
-        found = self._connection.execute(f"SELECT id FROM {table} WHERE {where}", values).fetchone()
-        if found is None:
-            marks = ", ".join("?" * len(values))
-            cursor = self._connection.execute(f"INSERT INTO {table} ({', '.join(columns)}) VALUES ({marks})", values)
-            return int(cursor.lastrowid or 0)
-        return int(found[0])
-
     def add(self, rows: Iterable[Row], versions: str, seconds: float = 0.0) -> None:
         """Write rows in one transaction; those that are there already stay as they are.
 
         ``seconds`` is the time that it took to work them out; it is kept apart, as it differs from run to run.
         """
         with self._transaction():
-            version_id = self._id("versions", ("text",), (versions,))
-            numbers: dict[Setting | Method, int] = {}
-            records = []
-            for row in rows:
-                s, m = row.setting, row.method
-                if s not in numbers:
-                    columns = ("problem", "outliers", "noise", "baseline", "motions")
-                    numbers[s] = self._id("settings", columns, astuple(s))
-                if m not in numbers:
-                    numbers[m] = self._id("methods", ("residual", "solver", "rho"), astuple(m))
-                figures = (row.accuracy, row.score, row.hyperedges, row.iterations, int(row.converged))
-                records.append((numbers[s], numbers[m], row.seed, row.samples, *figures, version_id))
-            self._connection.executemany("INSERT OR IGNORE INTO results VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", records)
-            count = len({record[0] for record in records})
-            self._connection.execute("INSERT INTO work (seconds, settings) VALUES (?, ?)", (seconds, count))
+            self._connection.execute("INSERT OR IGNORE INTO versions (text) VALUES (?)", (versions,))
+            self._connection.executemany(
+                f"INSERT OR IGNORE INTO results VALUES ({'?, ' * 15} (SELECT id FROM versions WHERE text = ?))",
+                (
+                    (*astuple(row.setting), *astuple(row.method), row.seed, row.samples, row.accuracy, row.score,
+                     row.hyperedges, row.iterations, int(row.converged), versions)
+                    for row in rows
+                ),
+            )  # fmt: skip
+            self._connection.execute("INSERT INTO work (seconds) VALUES (?)", (seconds,))
 
     def done(self) -> dict[tuple[Setting, Method, int], set[int]]:
         """The sample sizes that are there, for each setting, method and seed."""
         there: dict[tuple[Setting, Method, int], set[int]] = {}
-        settings = {i: Setting(*rest) for i, *rest in self._fetch("SELECT * FROM settings")}
-        methods = {i: Method(*rest) for i, *rest in self._fetch("SELECT * FROM methods")}
-        for s, m, seed, samples in self._fetch("SELECT setting, method, seed, samples FROM results"):
-            there.setdefault((settings[s], methods[m], seed), set()).add(samples)
+        for *key, seed, samples in self._fetch(f"SELECT {_KEY} FROM results"):
+            there.setdefault((Setting(*key[:5]), Method(*key[5:]), seed), set()).add(samples)
         return there
 
     def rows(self) -> list[tuple[object, ...]]:
         """All rows of the view ``rows``, in an order that does not depend on when they were written."""
-        key = "problem, outliers, noise, baseline, motions, residual, solver, rho, seed, samples"
-        return self._fetch(f"SELECT * FROM rows ORDER BY {key}")
+        return self._fetch(f"SELECT * FROM rows ORDER BY {_KEY}")
 
     def accuracies(self, setting: Setting, method: Method, seeds: range) -> dict[int, dict[int, float]]:
         """Accuracy by sample size and seed."""
         found: dict[int, dict[int, float]] = {}
         query = """
             SELECT samples, seed, accuracy FROM results
-            JOIN settings ON settings.id = setting JOIN methods ON methods.id = method
             WHERE problem = ? AND outliers = ? AND noise = ? AND baseline = ? AND motions = ?
               AND residual = ? AND solver = ? AND rho = ? AND seed >= ? AND seed < ? ORDER BY samples, seed"""
         values = (*astuple(setting), *astuple(method), seeds.start, seeds.stop)
