@@ -141,21 +141,6 @@ def test_walk_follows_the_equations(order, n, n_target):
         np.testing.assert_allclose(soft, naive_walk(dense, (n, n_target), steps), atol=1e-4)
 
 
-@pytest.mark.parametrize("slack", [True, False])
-@pytest.mark.parametrize(("order", "n", "n_target"), [(2, 2, 6), (3, 4, 6), (3, 6, 4), (4, 5, 5), (5, 6, 7)])
-def test_a_short_walk_is_the_one_in_steps(order, n, n_target, slack):
-    for unary in (False, True):
-        tensor = noise(order, n, n_target, order, 40, unary=unary)
-        for steps in (1, 2, 300):
-            usual = ReweightedWalk(iterations=steps, slack=slack)
-            x, done, change = usual.run_walk(tensor)
-            start = np.full((n, n_target), 1 / (n * n_target))
-            expected, expected_done, expected_change = usual.run_walk_in_steps(tensor, start)
-            np.testing.assert_allclose(x, expected, rtol=1e-9, atol=1e-14)
-            assert done == expected_done
-            assert change == pytest.approx(expected_change, rel=1e-6, abs=1e-18)
-
-
 @pytest.mark.parametrize("shape", [(5, 5), (4, 7), (7, 4)])
 def test_balanced_matrix_has_the_sums_of_an_assignment(shape):
     rng = np.random.default_rng(0)

@@ -15,7 +15,7 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.sampling import keep_affordable
 from rootmatch.explain.task import MatchingTask
-from rootmatch.hypergraph.rows import first_rows, sorted_rows
+from rootmatch.hypergraph.rows import first_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.guided.crowding import CROWDING
@@ -144,5 +144,5 @@ def _group_fit(task: MatchingTask) -> GroupFit | None:
 
 def distinct_hyperedges(tensor: AffinityTensor) -> AffinityTensor:
     """Each hyper-edge once, with its first weight."""
-    first = np.sort(first_rows(sorted_rows(tensor.indices), math.prod(tensor.shape)))
+    first = np.sort(first_rows(np.sort(tensor.indices, axis=1), math.prod(tensor.shape)))
     return AffinityTensor.unchecked(tensor.indices[first], tensor.weights[first], tensor.shape, tensor.unary)

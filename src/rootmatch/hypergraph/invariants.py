@@ -19,7 +19,7 @@ from rootmatch.arrays import Floats, Integers, as_floats
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.hypergraph.random_tuples import distinct_sets
-from rootmatch.hypergraph.rows import first_rows, sorted_rows
+from rootmatch.hypergraph.rows import first_rows
 from rootmatch.problems.checks import check_points
 
 TARGET_TUPLES = 2_000_000
@@ -222,7 +222,7 @@ def invariant_affinities(
     indices = (source_index * n_target + target_index).astype(np.int32)
     # one tuple can be near another in two orders; the more alike one counts
     by_weight = np.argsort(-weights, kind="stable")
-    kept = np.sort(by_weight[first_rows(sorted_rows(indices)[by_weight], len(np.asarray(source)) * n_target)])
+    kept = np.sort(by_weight[first_rows(np.sort(indices, axis=1)[by_weight], len(np.asarray(source)) * n_target)])
     return indices[kept], weights[kept], (len(np.asarray(source)), n_target)
 
 

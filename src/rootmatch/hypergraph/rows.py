@@ -7,30 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.hypergraph.contraction import CHUNK
-from rootmatch.jit.decorators import driver
-from rootmatch.jit.threads import run_in_threads, worthwhile_threads
-
-
-def sorted_rows(indices: NDArray[Any]) -> NDArray[Any]:
-    """Copy of the rows (E, d) with the entries of each in ascending order."""
-    out = indices.copy()
-    run_in_threads(lambda first, last: _sort_rows(out, first, last), len(out), worthwhile_threads(len(out) // CHUNK))
-    return out
-
-
-@driver(nogil=True)
-def _sort_rows(out, first, last):  # type: ignore[no-untyped-def]
-    """Put the entries of rows first…last−1 into ascending order (insertion sort: d is small)."""
-    for e in range(first, last):
-        for p in range(1, out.shape[1]):
-            a = out[e, p]
-            q = p - 1
-            while q >= 0 and out[e, q] > a:
-                out[e, q + 1] = out[e, q]
-                q -= 1
-            out[e, q + 1] = a
-
 
 def unique_rows(rows: NDArray[Any], base: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Row number of the first of each distinct row, in ascending order of rows, and the group (E,) of each row.

@@ -14,7 +14,7 @@ from rootmatch.errors import InputError, quote_value
 from rootmatch.hypergraph import contraction
 from rootmatch.hypergraph.assignment import check_assignment, one_hot
 from rootmatch.hypergraph.layouts import Layout, to_row_major
-from rootmatch.hypergraph.rows import are_one_to_one, sorted_rows, unique_rows
+from rootmatch.hypergraph.rows import are_one_to_one, unique_rows
 
 _FAULTS = {
     contraction.OUT_OF_RANGE: "a correspondence is outside 0 … n·n'−1; flat indices are a = i·n' + i'",
@@ -178,7 +178,7 @@ class AffinityTensor:
         """
         if self.size == 0:
             return np.zeros(0)
-        rows = sorted_rows(self.indices)
+        rows = np.sort(self.indices, axis=1)
         columns = np.arange(self.order)
         subsets = np.concatenate([rows[:, columns != p] for p in columns])
         _, group = unique_rows(subsets, math.prod(self.shape))
@@ -197,7 +197,7 @@ class AffinityTensor:
             raise InputError(f"how: got {how!r}; expected 'max' or 'sum'")
         if self.size == 0:
             return self
-        rows = sorted_rows(self.indices)
+        rows = np.sort(self.indices, axis=1)
         first, group = unique_rows(rows, math.prod(self.shape))
         weights = np.zeros(first.size)
         (np.add if how == "sum" else np.maximum).at(weights, group, self.weights)
@@ -254,7 +254,7 @@ class AffinityTensor:
             flat, value = flat[ok], value[ok]
         given = cls(flat.astype(np.int32), value, (n, n_target), unary)
         merged = given.merged("max")
-        _, group = unique_rows(sorted_rows(given.indices), n * n_target)
+        _, group = unique_rows(np.sort(given.indices, axis=1), n * n_target)
         if np.any(merged.weights[group] - given.weights > 1e-9 * merged.weights[group]):
             raise InputError("values: an entry differs between two orders of its indices; symmetrise first")
         return merged

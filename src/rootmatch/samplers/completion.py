@@ -14,7 +14,7 @@ from rootmatch.arrays import Integers
 from rootmatch.deadline import Pace, checkpoint
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
-from rootmatch.hypergraph.rows import first_rows, sorted_rows
+from rootmatch.hypergraph.rows import first_rows
 from rootmatch.jit.threads import LONGEST, run_in_threads
 from rootmatch.problems.capabilities import Capability
 from rootmatch.samplers.base import SampledTensor, SamplingTask
@@ -148,4 +148,4 @@ def _unique_hyperedges(found: Integers, shape: tuple[int, int]) -> Integers:
     """Each hyper-edge (source, target: 2 d columns) once."""
     order = found.shape[1] // 2
     flat = (found[:, :order] * shape[1] + found[:, order:]).astype(np.int32)
-    return found[np.sort(first_rows(sorted_rows(flat), math.prod(shape)))]
+    return found[np.sort(first_rows(np.sort(flat, axis=1), math.prod(shape)))]

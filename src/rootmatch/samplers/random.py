@@ -14,7 +14,6 @@ from rootmatch.backends.strongest import Backend, Block, Progress
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity
-from rootmatch.hypergraph.rows import sorted_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems import residual_kinds
 
@@ -54,7 +53,7 @@ def random_tensor(
     def blocks() -> Iterator[Block]:
         for source, target in stream:
             if increasing:
-                source, target = np.divmod(sorted_rows((source * n_target + target).astype(np.int32)), n_target)
+                source, target = np.divmod(np.sort((source * n_target + target).astype(np.int32), axis=1), n_target)
             yield source, target
 
     parts: list[tuple[NDArray[np.int32], Floats]] = []

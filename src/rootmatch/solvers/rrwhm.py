@@ -9,19 +9,15 @@ import numpy as np
 from rootmatch.arrays import Floats
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.assignment import discretise
-from rootmatch.hypergraph.contraction import chunk_count
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import LONGEST
 from rootmatch.options import Options, option
 from rootmatch.solvers.alternatives import best_neighbours
 from rootmatch.solvers.base import Solution, empty_solution, is_empty
-from rootmatch.solvers.short_walk import sinkhorn, walk
 
 SECONDS_PER_ENTRY = 2e-9
 """Time that an entry takes in one step of Sinkhorn's method."""
-SECONDS_PER_INDEX = 5e-9
-"""Time that an index of a hyper-edge takes in a contraction, on one thread."""
 
 
 @dataclass(frozen=True)
@@ -90,29 +86,6 @@ class ReweightedWalk(Options):
     def run_walk(self, tensor: AffinityTensor, deadline: Deadline = NEVER) -> tuple[Floats, int, float]:
         """End of the walk (n, n'), the number of steps, and the squared change of the last step."""
         x = np.full(tensor.shape, 1.0 / (tensor.shape[0] * tensor.shape[1]))
-        if self._is_short(tensor, deadline):
-            unary = np.zeros(x.size) if tensor.unary is None else tensor.unary.ravel()
-            lines, length = sorted(x.shape)
-            scratch = np.empty((2, x.size)), np.empty(x.size), np.empty((lines, length))
-            done, change = walk(
-                tensor.indices, tensor.weights, unary, self.iterations, self.tolerance, self.walk, self.inflation,
-                self.balancing, self.balanced_to, self.slack, tensor.shape[1], x.reshape(-1), *scratch,
-                np.empty(lines), np.empty(length),
-            )  # fmt: skip
-            return x, done, change
-        return self.run_walk_in_steps(tensor, x, deadline)
-
-    def _is_short(self, tensor: AffinityTensor, deadline: Deadline) -> bool:
-        """Whether the longest walk takes less than `LONGEST` and what is left until the deadline, on one thread."""
-        entries = tensor.shape[0] * tensor.shape[1]
-        each = SECONDS_PER_ENTRY * self.balancing * entries + SECONDS_PER_INDEX * tensor.indices.size
-        in_time = self.iterations * each <= min(LONGEST, 0.5 * deadline.left())
-        return in_time and chunk_count(tensor.size, entries) == 1
-
-    def run_walk_in_steps(
-        self, tensor: AffinityTensor, x: Floats, deadline: Deadline = NEVER
-    ) -> tuple[Floats, int, float]:
-        """As `run_walk`, from x (n, n'); it ends between two steps at the deadline or an interrupt."""
         change, done = np.inf, 0
         while done < self.iterations and change >= self.tolerance and (done == 0 or not deadline.passed()):
             moved = self.walk_step(tensor.contract(x).ravel(), x)
@@ -153,5 +126,33 @@ def balance_matrix(y: Floats, steps: int, tolerance: float = 1e-4, *, slack: boo
 
 @driver(error_model="numpy")
 def _sinkhorn(y, row, column, with_slack, steps, tolerance):  # type: ignore[no-untyped-def]
-    """Run `sinkhorn` as a driver, which Python can call."""
-    return sinkhorn(y, row, column, with_slack, steps, tolerance)
+    """Factors of rows and of columns that balance a matrix with n ≤ n', and whether they do so within the tolerance.
+
+    Columns' begin at 1, or where earlier steps have come to; the slack row is kept as one factor a column.
+    """
+    n, n_target = y.shape
+    spare = float(n_target - n) if with_slack else 0.0
+    column_sum = 1.0 if with_slack else n / n_target
+    # y_ik r_i c_k, and the slack row s c_k.
+    slack = 1.0
+    for _ in range(steps):
+        for i in range(n):
+            total = 0.0
+            for k in range(n_target):
+                total += y[i, k] * column[k]
+            row[i] = 1.0 / total
+        if spare > 0:
+            total = 0.0
+            for k in range(n_target):
+                total += column[k]
+            slack = spare / total
+        worst = 0.0
+        for k in range(n_target):
+            total = slack if spare > 0 else 0.0
+            for i in range(n):
+                total += y[i, k] * row[i]
+            worst = max(worst, abs(total * column[k] - column_sum))
+            column[k] = column_sum / total
+        if worst < tolerance:
+            return True
+    return False

@@ -16,7 +16,7 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.backends import cpu
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
 from rootmatch.hypergraph.enumeration import exhaustive_count, farthest_point_order, random_hyperedges
-from rootmatch.hypergraph.rows import row_keys, sorted_rows, unique_rows
+from rootmatch.hypergraph.rows import row_keys, unique_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.threads import use_one_thread
 from rootmatch.problems import residual_kinds
@@ -94,7 +94,7 @@ class Stream:
         blocks = list(random_hyperedges(*shape, order, count, seed))
         self.source = np.concatenate([block[0] for block in blocks])
         self.target = np.concatenate([block[1] for block in blocks])
-        rows = sorted_rows((self.source * shape[1] + self.target).astype(np.int32))
+        rows = np.sort((self.source * shape[1] + self.target).astype(np.int32), axis=1)
         base = math.prod(shape)
         self.base = base
         first, sorted_group = unique_rows(rows, base)

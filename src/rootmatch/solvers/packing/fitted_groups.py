@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, Pace
-from rootmatch.hypergraph.rows import are_one_to_one, first_rows, row_keys, sorted_rows
+from rootmatch.hypergraph.rows import are_one_to_one, first_rows, row_keys
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems import base
 from rootmatch.solvers.packing.hyperedge_groups import (
@@ -152,7 +152,7 @@ def cliques(indices: NDArray[np.int32], shape: tuple[int, int], maximum: int) ->
     base, d = math.prod(shape), indices.shape[1]
     if float(base) ** d >= 2.0**63:
         return None
-    ordered = sorted_rows(indices)
+    ordered = np.sort(indices, axis=1)
     ordered = ordered[first_rows(ordered, base)]
     keys = row_keys(ordered, base)
     # how many rows after each have its first d − 1 correspondences
