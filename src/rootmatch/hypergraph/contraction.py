@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.internal import internal_function
 from rootmatch.jit.threads import chunk_bounds, run_in_threads, worthwhile_threads
 
 CHUNK = 32768
@@ -55,12 +54,6 @@ def chunk_count(hyperedges: int, correspondences: int) -> int:
 
 @driver(nogil=True, error_model="numpy")
 def _scatter(indices, weights, x, first, last, tables):  # type: ignore[no-untyped-def]
-    """Run `scatter` as a driver, which Python can call."""
-    scatter(indices, weights, x, first, last, tables)
-
-
-@internal_function(error_model="numpy")
-def scatter(indices, weights, x, first, last, tables):  # type: ignore[no-untyped-def]
     """Add the contraction of hyper-edges first…last−1 into the sum of two tables (2, n n').
 
     Neighbouring hyper-edges of a sorted tensor share most of their correspondences. Two tables taken in turn keep the
