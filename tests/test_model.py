@@ -24,7 +24,7 @@ from rootmatch.model.evidence import settle_evidence, weigh_assignments, weigh_p
 from rootmatch.model.known_density import Known
 from rootmatch.model.mode_search import find_modes
 from rootmatch.model.modes import Modes, empty_changes_each
-from rootmatch.model.pose_density import Broad, Gaussian, PoseDensity
+from rootmatch.model.pose_density import ANY_TURN, Broad, Gaussian, PoseDensity
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import COPY, DEPTHS, PRESENT_ODDS
 from rootmatch.model.proposals import Proposals, look_alikes, propose_few_matched
@@ -524,3 +524,17 @@ def test_what_others_leave_of_a_mode_tells_its_own_points() -> None:
     found = weigh_assignments(model, told.assignments, model.linearise_about(told.rotation, told.position))
     np.testing.assert_allclose(told.detected[parts], found.detected[parts], atol=1e-9)
     assert (np.abs(told.detected[parts] - own.detected[0]) > 0.5).all()
+
+
+@pytest.mark.parametrize("spread", [3.0, 1e4, 1e9])
+def test_a_vague_prediction_is_bounded_to_all_rotations_without_rounding(spread: float) -> None:
+    """It has an inverse, and the position still follows the rotation as it did."""
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(6, 6)) * np.array([[spread] * 3 + [2.0 * spread] * 3]).T
+    covariance = root @ root.T
+    bounded = Gaussian(np.eye(3), np.array([0.0, 0.0, 1.0]), covariance).bounded_covariance
+    np.linalg.cholesky(bounded)
+    assert bounded == pytest.approx(bounded.T, rel=1e-9)
+    assert np.linalg.eigvalsh(bounded[:3, :3]).max() * ANY_TURN == pytest.approx(1.0)
+    change = np.linalg.solve(covariance[:3, :3], covariance[:3, 3:])
+    assert np.linalg.solve(bounded[:3, :3], bounded[:3, 3:]) == pytest.approx(change, rel=1e-3, abs=1e-3)

@@ -22,6 +22,7 @@ from rootmatch.model.clutter import PIECE, SCALES, estimate_clutter
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.tracking import belief
 from rootmatch.tracking.followed_places import log_absence, overlooked_chance
+from rootmatch.tracking.search_schedule import FIRST_STEPS, warn_of_milliseconds
 from test_deadline import Clock
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -61,6 +62,29 @@ def test_no_pose_is_predicted_for_the_past() -> None:
         tracker.predicted(time=math.nan)
     with pytest.raises(rm.InputError, match="frames in order"):
         tracker.update(frame(12), time=11 / 60.0)
+
+
+@pytest.mark.parametrize("pause", [86400.0, 1e10], ids=["a day", "times in nanoseconds"])
+def test_frames_are_matched_after_any_pause(pause: float) -> None:
+    tracker = following()
+    for k in range(12, 14):
+        match = tracker.update(frame(k), time=k / 60.0 + pause)
+        assert match
+        assert match.assignment.tolist() == list(range(10))
+
+
+@pytest.mark.parametrize(
+    ("step", "advice"),
+    [
+        (16.7, "in milliseconds, divide them by 1000"),
+        (1.67e4, "in microseconds, divide them by 1e6"),
+        (1.67e7, "in nanoseconds, divide them by 1e9"),
+    ],
+)
+def test_times_that_are_no_seconds_are_named(step: float, advice: str) -> None:
+    steps = [step] * (FIRST_STEPS - 1)
+    with pytest.warns(rm.InputWarning, match=advice):
+        warn_of_milliseconds(steps, step)
 
 
 def test_a_frame_that_is_refused_leaves_the_tracker_as_it_was() -> None:

@@ -88,7 +88,7 @@ def match(
         refused = [name for name in OF_ONE_IMAGE if given[name] not in (None, False)]
         if refused:
             raise InputError(
-                f"{flag(refused[0])}: it applies to one image, but {image} has a column frame; leave it out"
+                f"{flag(refused[0])}: it applies to one image, but {image} has a column frame or time; leave it out"
             )
         if str(image) == "-":
             raise InputError("-: standard input is read by `rootmatch track`; give a file")

@@ -81,13 +81,14 @@ class TrackSummary:
 
     def _slow_frames(self) -> Iterator[str]:
         """A warning if frames are seconds apart: their numbers, or times, are probably milliseconds."""
-        from rootmatch.tracking.search_schedule import SLOW
+        from rootmatch.tracking.search_schedule import SLOW, probable_unit
 
         if len(self._times) < 2:
             return
         step = median(after - before for before, after in pairwise(self._times))
         if step > SLOW:
-            what, at = "time is in seconds; if it is in milliseconds, divide it by 1000", ""
+            unit, parts = probable_unit(step)
+            what, at = f"time is in seconds; if it is in {unit}, divide it by {parts}", ""
             if not self._timed:
                 what = "if frame is a time in milliseconds, give --rate 1000"
                 at = f" at --rate {self._rate:g}"

@@ -202,8 +202,14 @@ class Gaussian(Mixed):
         if (bounded[0, 0] + bounded[1, 1] + bounded[2, 2]) * ANY_TURN <= 1.0:
             return bounded
         values, vectors = np.linalg.eigh(bounded[:3, :3])
-        change = bounded[:, :3] @ vectors / values  # of the pose by its rotation
-        return np.asarray(bounded - change * np.maximum(values - 1.0 / ANY_TURN, 0.0) @ change.T)
+        kept, along = np.minimum(values, 1.0 / ANY_TURN), vectors.T @ bounded[:3, 3:]
+        # the rotation's block is put together anew: after a long pause, all of a difference from it is rounding
+        change = along.T / values  # of the position by the rotation
+        bounded[:3, :3] = vectors * kept @ vectors.T
+        bounded[:3, 3:] = vectors * (kept / values) @ along
+        bounded[3:, :3] = bounded[:3, 3:].T
+        bounded[3:, 3:] -= change * (values - kept) @ change.T
+        return bounded
 
     def log_gain(self, radius: float) -> float:
         """Logarithm of what restricting a normal distribution to where a body may be at all adds to its density.
