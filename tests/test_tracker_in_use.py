@@ -22,7 +22,7 @@ from rootmatch.model.clutter import PIECE, SCALES, estimate_clutter
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.tracking import belief
 from rootmatch.tracking.followed_places import log_absence, overlooked_chance
-from rootmatch.tracking.search_schedule import FIRST_STEPS, warn_of_milliseconds
+from rootmatch.tracking.search_schedule import FIRST_STEPS, warn_of_time_unit
 from test_deadline import Clock
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -84,7 +84,7 @@ def test_frames_are_matched_after_any_pause(pause: float) -> None:
 def test_times_that_are_no_seconds_are_named(step: float, advice: str) -> None:
     steps = [step] * (FIRST_STEPS - 1)
     with pytest.warns(rm.InputWarning, match=advice):
-        warn_of_milliseconds(steps, step)
+        warn_of_time_unit(steps, step)
 
 
 def test_a_frame_that_is_refused_leaves_the_tracker_as_it_was() -> None:

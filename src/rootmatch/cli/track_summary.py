@@ -80,15 +80,15 @@ class TrackSummary:
         yield f"{count_statuses(self.statuses)}{f', {self.skipped} left out' if self.skipped else ''}"
 
     def _slow_frames(self) -> Iterator[str]:
-        """A warning if frames are seconds apart: their numbers, or times, are probably milliseconds."""
+        """A warning if frames are seconds apart: their numbers, or times, probably have a smaller unit."""
         from rootmatch.tracking.search_schedule import SLOW, probable_unit
 
         if len(self._times) < 2:
             return
         step = median(after - before for before, after in pairwise(self._times))
         if step > SLOW:
-            unit, parts = probable_unit(step)
-            what, at = f"time is in seconds; if it is in {unit}, divide it by {parts}", ""
+            unit, divisor = probable_unit(step)
+            what, at = f"time is in seconds; if it is in {unit}, divide it by {divisor}", ""
             if not self._timed:
                 what = "if frame is a time in milliseconds, give --rate 1000"
                 at = f" at --rate {self._rate:g}"

@@ -31,7 +31,7 @@ USUALLY_INSIDE = 4096
 
 def contract(indices: NDArray[np.int32], weights: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Contraction v (n n',) of the hyper-edges (E, d) by x (n n',)."""
-    chunks = chunk_count(weights.size, x.size)
+    chunks = _chunk_count(weights.size, x.size)
     tables = np.zeros((chunks, 2, x.size))
     if chunks == 1:
         _scatter(indices, weights, x, 0, weights.size, tables[0])
@@ -47,7 +47,7 @@ def contract(indices: NDArray[np.int32], weights: NDArray[np.float64], x: NDArra
     return np.asarray(tables.sum(axis=1).sum(axis=0))
 
 
-def chunk_count(hyperedges: int, correspondences: int) -> int:
+def _chunk_count(hyperedges: int, correspondences: int) -> int:
     """Chunks of a contraction: enough to share among threads, few enough that clearing their tables costs nothing."""
     return max(1, min(hyperedges // CHUNK, MAX_CHUNKS, hyperedges // correspondences))
 

@@ -31,8 +31,8 @@ LATELY = 10
 first few would have told, and what is predicted so vaguely takes as long as a search. A round value."""
 SLOW = 1.0
 """Seconds between two frames beyond which a time is hardly one in seconds. Not tuned."""
-UNITS = (1e3, ("milliseconds", "1000")), (1e6, ("microseconds", "1e6")), (1e9, ("nanoseconds", "1e9"))
-"""Units of clocks: their parts of a second, and how a warning names unit and parts."""
+CLOCK_UNITS = ("milliseconds", "1000"), ("microseconds", "1e6"), ("nanoseconds", "1e9")
+"""Units in which clocks tell the time, and by what to divide it for seconds, as a warning says it."""
 FIRST_STEPS = 5
 """Steps whose median is looked at: a pause among them is no reason to warn. Not tuned."""
 
@@ -46,20 +46,20 @@ def reorder_draws(options: MatchOptions, cut: int) -> MatchOptions:
     return options if not cut else copy_with(options, seed=options.seed + cut)
 
 
-def warn_of_milliseconds(steps: list[float], step: float) -> None:
+def warn_of_time_unit(steps: list[float], step: float) -> None:
     """Count one more of the first steps between frames, and warn the caller of the caller once if most are slow."""
     if len(steps) == FIRST_STEPS:
         return
     steps.append(step)
     if len(steps) == FIRST_STEPS and (usual := median(steps)) > SLOW:
-        unit, parts = probable_unit(usual)
-        text = f"time: the frames are {usual:.3g} s apart; if times are in {unit}, divide them by {parts}"
+        unit, divisor = probable_unit(usual)
+        text = f"time: the frames are {usual:.3g} s apart; if times are in {unit}, divide them by {divisor}"
         warnings.warn(text, InputWarning, stacklevel=3)
 
 
 def probable_unit(step: float) -> tuple[str, str]:
-    """The unit in which times are, if a step between frames is `SLOW` or less, and its parts of a second as a text."""
-    return next((unit for least, unit in UNITS if step <= SLOW * least), UNITS[-1][1])
+    """The unit of `CLOCK_UNITS`, the largest one, in which frames would be `SLOW` seconds apart or less."""
+    return next((unit for unit in CLOCK_UNITS if step <= SLOW * float(unit[1])), CLOCK_UNITS[-1])
 
 
 def frame_budget(evaluations: int, gap: float) -> int:

@@ -240,7 +240,7 @@ max_evaluations
                 raise
             self.time = when
             if before is not None and time is not None:
-                search_schedule.warn_of_milliseconds(self._steps, when - before)
+                search_schedule.warn_of_time_unit(self._steps, when - before)
         return report(found, seconds=perf_counter() - started, stopped_early=deadline.stopped_early)
 
     def _find(

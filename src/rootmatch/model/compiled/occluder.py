@@ -33,8 +33,8 @@ MIN_HIDDEN = 2.0
 value."""
 MAX_MISSED = 6.0
 """Points missed one by one before a limit: more are never worth it. A round value."""
-MORE = 1.0 + 1e-9
-"""By how much a window has to hide more than an edge: two sums of the same points may differ by rounding."""
+ABOVE_ROUNDING = 1.0 + 1e-9
+"""Factor by which a window has to hide more than an edge: sums of the same points may differ by rounding."""
 LOG_ODDS = math.log(0.5 * OCCLUDED) - math.log1p(-OCCLUDED)
 """Of one of them against neither."""
 LOG_FREE = math.log1p(-OCCLUDED)
@@ -202,7 +202,7 @@ def find_occluders(assignment, pixels, missing, images, reaches, in_sight, odds)
         # a line in one of the directions parts the points in one way for each, a circle in one for each three of them
         before = odds[EDGE] if odds[EDGE] > -math.inf else 0.0
         odds[EDGE] = before + LOG_ODDS - math.log(DIRECTIONS * points)
-        if outside > maximum * MORE:
+        if outside > maximum * ABOVE_ROUNDING:
             before = odds[WINDOW] if odds[WINDOW] > -math.inf else 0.0
             odds[WINDOW] = before + LOG_ODDS - math.log(points * points * points / 6.0)
         else:  # what one edge hides already
