@@ -384,12 +384,12 @@ def test_the_vertical_of_a_body_takes_the_place_of_that_of_its_problem() -> None
             found = tracker.update(target, time=k / 60.0, prior=down)
             assert found, (k, found.advice)
             assert found.assignment.tolist() == list(range(13))
-            assert [one.prior_holds for one in found.bodies.values()] == [True, True]
+            assert [found.prior_holds, *(one.prior_holds for one in found.bodies.values())] == [True] * 3
             match = rm.match(np.vstack([first, second]), target, level, prior=down, **known)
             assert match.assignment.tolist() == list(range(13))
         against = {"b": rm.PosePrior(vertical=((0.0, 1.0, 0.0), tilted[:, 1], 0.01))} | down
         match = rm.Matcher(np.vstack([first, second]), level, **known).match(target, prior=against)
-        assert [one.prior_holds for one in match.bodies.values()] == [True, False]
+        assert [match.prior_holds, *(one.prior_holds for one in match.bodies.values())] == [False, True, False]
 
 
 @pytest.mark.parametrize("kind", ["vertical", "rotation"])

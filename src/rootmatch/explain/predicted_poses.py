@@ -75,8 +75,12 @@ def agrees_with_prior(found: Finding) -> bool | None:
 
     A predicted pose so vague that it tells less than knowing nothing does not hold, but is no contradiction either. Nor
     does one agree that is many standard deviations away, though that is more probable than a prediction that is wrong.
-    The vertical of `UP2P` is part of what is known, and is told if it is contradicted.
+    The vertical of `UP2P` is part of what is known, and is told if it is contradicted. Several bodies agree if none
+    disagrees.
     """
+    if found.parts is not None:
+        told = {agrees_with_prior(part) for part in found.parts.values()} - {None}
+        return all(told) if told else None
     prior, pose = found.task.prior_pose, found.pose
     if found.contradicted or contradicts_vertical(found):
         return False
