@@ -98,8 +98,6 @@ def test_what_is_shown_is_what_was_given() -> None:
 def test_what_does_not_go_together_is_refused() -> None:
     scene = Scene(0)
     vertical = scene.prior("vertical")
-    with pytest.raises(rm.InputError, match=r"^prior: UP2P already has a vertical"):
-        rm.match(scene.body, scene.target, rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0)), prior=vertical)
     with pytest.raises(rm.InputError, match=r"^prior: 3p1 is not offered with one; .* P3P or UP2P"):
         rm.match(scene.target, scene.target, rm.ThreePlusOne(CAMERA, axis=(0, 1, 0), axis2=(0, 1, 0)), prior=vertical)
     with pytest.raises(rm.InputError, match=r"^prior: no body is labelled"):
@@ -365,3 +363,45 @@ def test_a_rotation_tells_which_part_of_a_flat_model_is_seen() -> None:
         assert match
         assert match.evaluated == 0  # nothing was searched
         assert (match.assignment[shown] == truth[shown]).mean() >= 0.9
+
+
+def test_the_vertical_of_a_body_takes_the_place_of_that_of_its_problem() -> None:
+    rng = np.random.default_rng(5)
+    first, second = rng.uniform(-0.3, 0.3, (7, 3)), rng.uniform(-0.3, 0.3, (6, 3))
+    rig = rm.Rig([(CAMERA, np.eye(3), np.zeros(3)), (CAMERA, np.eye(3), (0.2, 0.0, 0.0))], sizes=[(1280, 960)] * 2)
+    for camera in (CAMERA, rig):
+        level = rm.UP2P(camera, (0, 1, 0), (0, 1, 0), 0.01)
+        known: dict[str, Any] = {"noise": SIGMA, "bodies": ["a"] * 7 + ["b"] * 6}
+        tracker = rm.Tracker(np.vstack([first, second]), level, **known)
+        for k in range(3):
+            tilted = Rotation.from_rotvec([0.5 + 0.03 * k, 1.0, 0.1]).as_matrix()
+            upright = Rotation.from_rotvec([0.0, 0.4 + 0.02 * k, 0.0]).as_matrix()
+            points = np.vstack([first @ tilted.T + (-0.5, 0.1, 3.0), second @ upright.T + (0.4, 0.0, 3.0)])
+            images = [CAMERA.project(points + np.array([0.2 * view, 0.0, 0.0])) for view in range(2)]
+            images = [one + rng.normal(0.0, SIGMA, one.shape) for one in images]
+            target = images if camera is rig else images[0]
+            down = {"a": rm.PosePrior(vertical=((0.0, 1.0, 0.0), tilted[:, 1], 0.01))}
+            found = tracker.update(target, time=k / 60.0, prior=down)
+            assert found, (k, found.advice)
+            assert found.assignment.tolist() == list(range(13))
+            assert [found.prior_holds, *(one.prior_holds for one in found.bodies.values())] == [True] * 3
+            match = rm.match(np.vstack([first, second]), target, level, prior=down, **known)
+            assert match.assignment.tolist() == list(range(13))
+        against = {"b": rm.PosePrior(vertical=((0.0, 1.0, 0.0), tilted[:, 1], 0.01))} | down
+        match = rm.Matcher(np.vstack([first, second]), level, **known).match(target, prior=against)
+        assert [match.prior_holds, *(one.prior_holds for one in match.bodies.values())] == [False, True, False]
+
+
+@pytest.mark.parametrize("kind", ["vertical", "rotation"])
+def test_the_first_frame_of_a_tracker_searches_every_body_also_if_its_pose_is_known_in_part(kind: str) -> None:
+    rng = np.random.default_rng(6)
+    bodies = [rng.uniform(-0.3, 0.3, (count, 3)) for count in (7, 6)]
+    turns = Rotation.random(2, random_state=6).as_matrix()
+    points = [one @ R.T + t for one, R, t in zip(bodies, turns, ((-0.5, 0.1, 3.0), (0.4, 0.0, 3.0)), strict=True)]
+    seen = CAMERA.project(np.vstack(points)) + rng.normal(0.0, SIGMA, (13, 2))
+    told = [{"vertical": ((0.0, 1.0, 0.0), R[:, 1], TILT), "rotation": (R, TURN)} for R in turns]
+    prior = {k: rm.PosePrior(**{kind: one[kind]}) for k, one in enumerate(told)}  # type: ignore[arg-type]
+    tracker = rm.Tracker(np.vstack(bodies), rm.P3P(CAMERA), noise=SIGMA, bodies=np.repeat([0, 1], (7, 6)))
+    found = tracker.update(seen, prior=prior)
+    assert found, found.advice
+    assert found.assignment.tolist() == list(range(13))

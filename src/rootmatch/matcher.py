@@ -141,13 +141,15 @@ max_hyperedges, max_evaluations
             As `rootmatch.match`.
         """
         started = time.perf_counter()
+        problem = self.problem
         if prior is not None:
-            check_predicted(prior, self.labels, self.problem)
+            problem, prior = check_predicted(prior, self.labels, problem)
         options = self.options if max_seconds is None else replace(self.options, max_seconds=max_seconds)
         deadline = Deadline(options.max_seconds, started=started)
         found = self.explained(
-            target, noise=noise, candidates=candidates, prior=prior, options=options, deadline=deadline
-        )
+            target, noise=noise, candidates=candidates, prior=prior, options=options, deadline=deadline,
+            problem=problem,
+        )  # fmt: skip
         return report(found, seconds=time.perf_counter() - started, stopped_early=deadline.stopped_early)
 
     def explained(
@@ -158,6 +160,7 @@ max_hyperedges, max_evaluations
         candidates: ArrayLike | None = None,
         prior: Prior | Mapping[Label, Prior] | None = None,
         options: MatchOptions | None = None,
+        problem: Problem | None = None,
         deadline: Deadline = NEVER,
         budget: int | None = None,
         rivals: Mapping[Label | None, Rivals] | None = None,
@@ -167,7 +170,7 @@ max_hyperedges, max_evaluations
         source_noise: float | None = None,
         log_inexact: tuple[float, ...] = (),
     ) -> Finding:
-        """The finding of a frame; ``options`` and ``source_noise`` in the place of the matcher's own.
+        """The finding of a frame; ``options``, ``problem`` and ``source_noise`` in the place of the matcher's own.
 
         What is not explained here is an attribute of `MatchingTask`, or an argument of `match`.
 
@@ -196,7 +199,7 @@ max_hyperedges, max_evaluations
         if budget is not None and options.scheduler is None:
             told["budget"] = budget
         task = MatchingTask.of(
-            self.problem,
+            problem or self.problem,
             self.checked,
             detections,
             noise=self.noise if noise is None else noise,

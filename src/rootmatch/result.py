@@ -183,7 +183,7 @@ class Match:
     def prior_holds(self) -> bool | None:
         """Whether the trusted pose agrees with ``prior=``.
 
-        False if it is too far off, or contradicts the vertical of `UP2P`; None without a prior or a trusted pose.
+        False if that of any body is too far off, or contradicts the vertical of `UP2P`; None without prior or pose.
         """
         return agrees_with_prior(self.finding)
 

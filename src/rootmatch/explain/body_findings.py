@@ -48,9 +48,14 @@ def find_no_body(task: MatchingTask, reason: str) -> Finding:
 
 
 def join_hyperedges(task: MatchingTask, bodies: list[tuple[Integers, Finding]]) -> AffinityTensor:
-    """The hyper-edges of all bodies, or of several motions, by the rows and the finding of each."""
+    """The hyper-edges of all bodies, or of several motions, by the rows and the finding of each.
+
+    A body that was found by pairs under a vertical that is known has hyper-edges of another order: as one that was
+    found without any, by a prediction, it has no part in them.
+    """
     shape, targets = task.row_shape, np.arange(task.shape[1])
-    some = [(rows, found.tensor) for rows, found in bodies if found.tensor.size]
+    every = [(rows, found.tensor) for rows, found in bodies]
+    some = [(rows, tensor) for rows, tensor in every if tensor.size and tensor.order == task.problem.order]
     parts = [empty_tensor(task), *(renumber_tensor(tensor, (rows, targets), shape) for rows, tensor in some)]
     return concatenate_tensors(parts, shape, task.row_weights, task.options.max_hyperedges)
 

@@ -18,8 +18,8 @@ from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.explain.in_time import final_deadline
 from rootmatch.explain.likeness import find_copies, first_exact_copies, symmetry_images, ways_alike
-from rootmatch.explain.predicted_poses import pose_knowledge, predicted_mixture, problem_vertical
-from rootmatch.explain.prior_validation import DOUBT
+from rootmatch.explain.predicted_poses import pose_knowledge, predicted_mixture
+from rootmatch.explain.prior_validation import DOUBT, problem_vertical
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.tensor import AffinityTensor, strongest_assignments

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from rootmatch.algebra.rotation import angle_count, one_rotation_matrix
-from rootmatch.arrays import Floats, Integers, cache_by_identity
-from rootmatch.cameras.vertical import unit_direction
+from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.finding import Finding, mode_pose
-from rootmatch.explain.prior_validation import NONE
+from rootmatch.explain.prior_validation import NONE, problem_vertical
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.model.blobs import resolve_blobs
@@ -20,7 +19,6 @@ from rootmatch.model.evidence import squared_deviations, weigh_assignments
 from rootmatch.model.exchanged import own_prior
 from rootmatch.model.known_density import Known
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian
-from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
@@ -51,15 +49,6 @@ MINIMUM = 1
 """Degrees of freedom beyond two that a pose is taken to have at the least, where its noise is estimated."""
 
 
-@cache_by_identity(16)
-def problem_vertical(problem: Problem) -> PosePrior | None:
-    """The vertical that a problem has by itself."""
-    if not isinstance(problem, UP2P):
-        return None
-    directions = unit_direction(problem.vertical_world, "up2p"), unit_direction(problem.vertical_camera, "up2p")
-    return PosePrior.unchecked(vertical=(*directions, float(problem.vertical_noise)))
-
-
 def pose_knowledge(task: MatchingTask) -> PosePrior | None:
     """Partial knowledge of a task's pose, with the vertical of its problem; None if there is none but that."""
     upright = None if task.known is None else problem_vertical(task.problem)
@@ -86,8 +75,12 @@ def agrees_with_prior(found: Finding) -> bool | None:
 
     A predicted pose so vague that it tells less than knowing nothing does not hold, but is no contradiction either. Nor
     does one agree that is many standard deviations away, though that is more probable than a prediction that is wrong.
-    The vertical of `UP2P` is part of what is known, and is told if it is contradicted.
+    The vertical of `UP2P` is part of what is known, and is told if it is contradicted. Several bodies agree if none
+    disagrees.
     """
+    if found.parts is not None:
+        told = {agrees_with_prior(part) for part in found.parts.values()} - {None}
+        return all(told) if told else None
     prior, pose = found.task.prior_pose, found.pose
     if found.contradicted or contradicts_vertical(found):
         return False

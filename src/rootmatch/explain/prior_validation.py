@@ -8,12 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats
+from rootmatch.arrays import Bools, Floats, cache_by_identity
+from rootmatch.cameras.vertical import unit_direction
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels
 from rootmatch.explain.validation import check_problem
+from rootmatch.frozen import copy_with
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
+from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.up2p import UP2P
@@ -50,15 +53,18 @@ NONE = Rivals()
 """Of a pose that is predicted alone."""
 
 
-def check_predicted(prior: object, labels: BodyLabels | None, problem: Problem) -> None:
-    """Refuse anything but one prior or, with several bodies, priors of some of them by label."""
+def check_predicted(prior: Any, labels: BodyLabels | None, problem: Problem) -> tuple[Problem, Any]:
+    """Refuse anything but one prior or, with several bodies, priors of some of them by label.
+
+    Returns problem and prior as `give_each_its_vertical` does.
+    """
     Capability.PRIOR.require(problem.takes_prior or problem.takes_motion_prior, problem.name)
     if labels is None and isinstance(prior, Mapping):
         told = ", ".join(map(repr, prior))
         raise InputError(f"prior: a dict for {told} given without bodies=; give the pose itself, or bodies=")
     if labels is None:
         check_prior(prior, problem)
-        return
+        return give_each_its_vertical(prior, labels, problem)
     if not isinstance(prior, Mapping):
         raise InputError("prior: one pose given with bodies=; give a dict from the labels of bodies to their poses")
     for label, pose in prior.items():
@@ -67,6 +73,7 @@ def check_predicted(prior: object, labels: BodyLabels | None, problem: Problem) 
                 f"prior: no body is labelled {label!r}; the labels are {', '.join(map(str, labels.names))}"
             )
         check_prior(pose, problem, f"prior of {label!r}")
+    return give_each_its_vertical(prior, labels, problem)
 
 
 def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
@@ -79,8 +86,6 @@ def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
         parts = [one for one in (prior.rotation, prior.position, prior.vertical) if one is not None]
         if len(np.asarray(parts[0][0])) != size:
             raise InputError(f"{name}: points of {where} given; give R ({size}, {size}) and t ({size},)")
-        if prior.vertical is not None and isinstance(problem, UP2P):
-            raise InputError(f"{name}: UP2P already has a vertical; leave that of the prior out, or use P3P")
         return
     if not isinstance(prior, Pose):
         raise InputError(
@@ -104,6 +109,35 @@ def check_followed(problem: Problem, source: ArrayLike) -> None:
         f"problem: {problem!r} given; a tracker follows rotations and translations: give P3P, UP2P, or Rigid() or "
         "Similarity() without mirror"
     )
+
+
+@cache_by_identity(16)
+def problem_vertical(problem: Problem) -> PosePrior | None:
+    """The vertical that a problem has by itself."""
+    if not isinstance(problem, UP2P):
+        return None
+    directions = unit_direction(problem.vertical_world, "up2p"), unit_direction(problem.vertical_camera, "up2p")
+    return PosePrior.unchecked(vertical=(*directions, float(problem.vertical_noise)))
+
+
+def give_each_its_vertical(prior: Any, labels: BodyLabels | None, problem: Problem) -> tuple[Problem, Any]:
+    """The problem and the prior of each body, as they were checked, where a body has a vertical of its own.
+
+    The problem is then `P3P`, and every body has one known vertical: its own, or that of `UP2P`.
+    """
+    given: dict[Any, Prior] = dict(prior) if isinstance(prior, Mapping) else {None: prior}
+    upright = problem_vertical(problem)
+    if upright is None or not any(isinstance(one, PosePrior) and one.vertical for one in given.values()):
+        return problem, prior
+    for label in (None,) if labels is None else labels.names:
+        one = given.get(label, upright)
+        if isinstance(one, Pose):
+            given[label] = upright.with_prediction(one)
+        elif one.vertical is None:
+            given[label] = copy_with(one, vertical=upright.vertical)
+        else:
+            given[label] = one
+    return P3P(problem.camera), given[None] if labels is None else given  # type: ignore[attr-defined]
 
 
 def prior_attributes(prior: object) -> dict[str, Any]:

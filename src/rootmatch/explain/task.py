@@ -155,7 +155,7 @@ class MatchingTask:
         allowed, weights = split_candidates(candidates, *points.shape)
         labels = bodies if isinstance(bodies, BodyLabels | None) else check_bodies(bodies, points.source, problem.order)
         if prior is not None and not isinstance(source, CheckedSource):
-            check_predicted(prior, labels, problem)
+            problem, prior = check_predicted(prior, labels, problem)
         if labels is not None and (options.motions != 1 or estimates):
             raise InputError(
                 "motions: bodies= already says which points move together; leave motions out"

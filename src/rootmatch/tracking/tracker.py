@@ -55,7 +55,7 @@ class Tracker:
     ----------
     source : (n, 3) array, in any frame and unit; (n, 2) in a plane.
     problem : Problem
-        `P3P`, also of a `Rig`, `UP2P` (if the camera tilts, `P3P` and a `PosePrior` in each frame), `Rigid` or
+        `P3P` or `UP2P`, also of a `Rig` (if the camera tilts, with a `PosePrior` in each frame), `Rigid` or
         `Similarity`, whose scale, one for each body, is constant but for `MotionOptions.scale_drift`.
     noise : float, (n',) or (n', 2, 2) array
         Standard deviation of a pixel coordinate, in pixels, or covariances, of a rig also by camera; `update` can
@@ -224,9 +224,9 @@ max_evaluations
         """
         started = perf_counter()
         deadline = Deadline(self.matcher.options.max_seconds if max_seconds is None else max_seconds, started=started)
-        given = dict[Label | None, Prior]()
+        given, problem = dict[Label | None, Prior](), self.matcher.problem
         if prior is not None:
-            check_predicted(prior, self.labels, self.matcher.problem)
+            problem, prior = check_predicted(prior, self.labels, problem)
             given.update(prior.items() if isinstance(prior, Mapping) else {None: prior}.items())
         with self._turns:
             when, before = self._time(time), self.time
@@ -234,7 +234,7 @@ max_evaluations
                 raise InputError(f"time: {when:g} s given after {before:g} s; give frames in order, or reset() first")
             self._frame += 1
             try:
-                found = self._find(target, when, given, noise, deadline=deadline, candidates=candidates)
+                found = self._find(target, when, given, noise, deadline=deadline, candidates=candidates, own=problem)
             except InputError:
                 self._frame -= 1
                 raise
@@ -252,6 +252,7 @@ max_evaluations
         *,
         deadline: Deadline,
         candidates: ArrayLike | None,
+        own: Problem,
     ) -> Finding:
         """The finding of a frame: about the predicted poses, and by a search if they do not hold."""
         poses, rivals, frame = dict[Label | None, Prior](), dict[Label | None, Rivals](), self._frame
@@ -277,12 +278,12 @@ max_evaluations
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
                 target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget,
-                present=present, searching=searching, options=options,
+                problem=own, present=present, searching=searching, options=options,
                 rivals=rivals, more_images=True, source_noise=self._inexact.error, log_inexact=self._inexact.log_odds,
             )  # fmt: skip
 
         searched: set[Label | None] = set(self._bodies)
-        if not self._of_images or (not poses and self.time is None):
+        if not self._of_images or (self.time is None and not any(isinstance(one, Pose) for one in poses.values())):
             found = explained(True)
         elif self.labels is not None or self.matcher.problem.rig is not None:
             found = explained(lambda near: search_schedule.choose_next_part(self._bodies, self._parts(near), frame))

@@ -42,7 +42,8 @@ class UP2P(Problem):
         A `Rig` works too; its frame then takes the place of the camera's.
     vertical_camera, vertical_world : three floats
         The same direction (for example down) in the camera frame and in the frame of the points, measured by an
-        inertial sensor or known by construction. Any length but 0; there is no default.
+        inertial sensor or known by construction. Any length but 0; there is no default. A body or a frame with a
+        vertical of its own has it as a `PosePrior`, which takes the place of this one.
     vertical_noise : float
         Standard deviation in radians of that direction on each of two axes; it enters the residuals' variance.
 
