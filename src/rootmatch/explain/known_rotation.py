@@ -154,10 +154,10 @@ def _find_agreeing(task: MatchingTask, known: PosePrior, centre: Floats) -> Iter
     turned = task.points.source @ R.T
     i, j = np.nonzero(_possible_matches(task, known, turned, rays, origins=origins, sigma=sigma))
     row = task.camera_of[j] * task.shape[0] + i
-    own = 0.0
+    own = np.zeros(len(i))
     if task.points.source_covariance is not None:
         own = mean_deviation(task.points.source_covariance)[i] ** 2
-    errors = angles[j], np.broadcast_to(own, i.shape)
+    angle = angles[j]
     points, origin, ray = turned[i], origins[j], rays[j]
     for first, second, share in draw_match_pairs(row, j, rng):
         a, b = ray[first], ray[second]
@@ -168,8 +168,8 @@ def _find_agreeing(task: MatchingTask, known: PosePrior, centre: Floats) -> Iter
         sine2 = np.maximum(1.0 - cosine**2, 1e-12)
         depth_a, depth_b = (of_a - cosine * of_b) / sine2, (cosine * of_a - of_b) / sine2
         off = np.linalg.norm(apart - depth_a[:, None] * a + depth_b[:, None] * b, axis=1)
-        variance = sigma**2 * (between**2).sum(axis=1) + errors[1][first] + errors[1][second]
-        variance += (depth_a * errors[0][first]) ** 2 + (depth_b * errors[0][second]) ** 2
+        variance = sigma**2 * (between**2).sum(axis=1) + own[first] + own[second]
+        variance += (depth_a * angle[first]) ** 2 + (depth_b * angle[second]) ** 2
         agrees = np.flatnonzero((off <= GATE * np.sqrt(variance)) & (depth_a > 0.0) & (depth_b > 0.0))
         agrees, share = draw_poses(agrees, share, rng)
         first, second = first[agrees], second[agrees]
