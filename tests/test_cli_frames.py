@@ -239,6 +239,14 @@ def test_bodies_of_a_model(folder: Path, tmp_path: Path) -> None:
     result = run("track", model, folder / "frames.csv", *OPTIONS, "--poses", poses)
     assert result.exit_code == 0, result.output
     assert [(row["body"], row["status"] == "matched") for row in rows_of(poses)[:2]] == [("hmd", True), ("left", False)]
+    record = json.loads(run("match", model, folder / "image.csv", *OPTIONS, "--json").stdout)
+    assert list(record["bodies"]) == ["hmd", "left"]
+    hmd, left = record["bodies"].values()
+    assert (hmd["status"], left["status"], left["pose"]) == ("matched", "untrusted", None)
+    assert hmd["pose"]["t"] == pytest.approx(record["poses"][0]["t"])
+    assert [record["assignment"][i] for i, _ in hmd["pairs"]] == [j for _, j in hmd["pairs"]]
+    assert hmd["probability"] > 0.99 > left["probability"]
+    assert len(left["advice"]) > 20
     few = write(tmp_path / "few.csv", "body,x,y,z", rows[:10])
     result = run("match", few, folder / "image.csv", *OPTIONS)
     assert result.exit_code == 2
