@@ -415,7 +415,7 @@ def test_times_and_ends_that_cannot_be_read(tmp_path: Path, header: str, rows: l
 
 def test_nothing_is_printed_of_a_file_without_frames(folder: Path, tmp_path: Path) -> None:
     for header, rows, words in [
-        ("x,y", [[1, 2]], "the column 'frame' is missing"),
+        ("x,y", [[1, 2]], "must name frame,x,y, or time (in seconds) in the place of frame"),
         ("frame,x,y", [], "no row follows the header"),
         ("frame,x,y", [[0, 1, "a"]], "y is 'a'"),
     ]:
@@ -423,6 +423,16 @@ def test_nothing_is_printed_of_a_file_without_frames(folder: Path, tmp_path: Pat
         assert result.exit_code == 2
         assert words in result.stderr
         assert result.stdout == ""
+
+
+@pytest.mark.parametrize("command", ["match", "track"])
+def test_an_error_about_noise_in_columns_names_these(folder: Path, tmp_path: Path, command: str) -> None:
+    rows = [[0, x, y, 1, 2, 1] for x, y in frame(0)[0].tolist()]
+    bad = write(tmp_path / "bad.csv", "frame,x,y,sxx,sxy,syy", rows)
+    result = run(command, folder / "model.csv", bad, *OPTIONS[:-2])
+    assert result.exit_code == 2
+    assert f"{bad}: columns sxx,sxy,syy: a covariance has a negative eigenvalue" in result.stderr
+    assert "--noise" not in result.stderr
 
 
 def test_a_column_sigma_says_how_noisy_each_detection_is(folder: Path, tmp_path: Path) -> None:

@@ -414,7 +414,7 @@ def test_no_more_pairs_are_tried_than_tell_that_nothing_as_good_was_missed(
 ) -> None:
     """Twelve points before two cameras: of the pairs of their 24 sightings a few would do."""
     rng, tried = np.random.default_rng(8), list[float]()
-    source, R = rng.uniform(-0.3, 0.3, (12, 3)) + [0.0, 0.0, 1.0], Rotation.random(random_state=8).as_matrix()
+    source, R = rng.uniform((-0.3, -0.3, 0.7), (0.3, 0.3, 1.3), (12, 3)), Rotation.random(random_state=8).as_matrix()
     t = np.array([0.1, 0.0, 3.0]) - R @ [0.0, 0.0, 1.0]
     side = Rotation.from_euler("y", 10.0, degrees=True).as_matrix()
     views = [(CAMERA, np.eye(3), np.zeros(3)), (CAMERA, side, np.array([-0.3, 0.0, 0.02]))]

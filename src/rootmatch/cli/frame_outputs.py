@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, Any
 
+from rootmatch.cli.error_messages import rephrase_advice
 from rootmatch.io.appended_table import AppendedTable
 from rootmatch.io.csv_tables import csv_text
 from rootmatch.io.exports import trajectory_row
@@ -35,11 +36,14 @@ def count_statuses(statuses: Counter[str]) -> str:
 
 
 def brief_advice(match: Match) -> str:
-    """The advice about a frame by what its match knows, without the trials and fits of `rootmatch.Match.advice`."""
+    """The advice about a frame in terms of the command line.
+
+    It is told by what the match knows, without the trials and fits of `rootmatch.Match.advice`.
+    """
     from rootmatch.explain.status_advice import advice
 
     confidence = None if match.finding.all_confidence is None else match.confidence
-    return advice(match.shown, confidence, match.stopped_early)
+    return rephrase_advice(advice(match.shown, confidence, match.stopped_early))
 
 
 def pose_columns(problem: Problem) -> tuple[str, ...]:

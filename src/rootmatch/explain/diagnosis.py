@@ -172,7 +172,7 @@ def _budget(match: Any) -> int | None:
     task: MatchingTask = match.task
     if task.budget is not None or match.status is not Status.MATCHED or not match.evaluated:
         return task.budget
-    return LONGER * max(match.evaluated, LIMITS.quick)
+    return int(LONGER * max(match.evaluated, LIMITS.quick))
 
 
 def _task_of_the_rest(match: Any) -> MatchingTask:
