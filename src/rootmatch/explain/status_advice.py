@@ -12,6 +12,7 @@ from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import ANOTHER, Misfit
 from rootmatch.explain.inexact_points import alike_error
+from rootmatch.explain.merged_detections import merged_advice
 from rootmatch.explain.mistake import format_scaled
 from rootmatch.explain.obvious_faults import TOGETHER, is_detected_twice, obvious_fault, unit_fault
 from rootmatch.explain.predicted_poses import agrees_with_prior, contradicts_vertical, is_against_prior
@@ -99,6 +100,7 @@ def advice(
             f"; most detections have another within {TOGETHER:.0f} σ: if the detector reports each point twice, "
             "merge such pairs first, as the second counts as clutter"
         )
+    text += merged_advice(finding)
     if agrees_with_prior(finding) is False:
         against, check = _contradiction_texts(finding)
         text += f"; this pose contradicts {against}{', which was ignored' * (not finding.prior_holds)}; {check}"
