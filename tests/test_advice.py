@@ -309,6 +309,34 @@ def test_normalised_coordinates_before_a_camera_in_pixels_are_named() -> None:
     assert "at least 4 needed" in few.advice
 
 
+def test_fractions_of_the_size_of_an_image_are_named() -> None:
+    """Whether what fits such points is ambiguous, or nothing does; the same in pixels is found."""
+    points = np.random.default_rng(1).uniform(-0.3, 0.3, (9, 3))
+    image = CAMERA.project(points @ Rotation.random(random_state=3).as_matrix().T + (0.1, 0.05, 1.6))
+    statuses = set()
+    for noise in (0.3, 1e-4):
+        given = rm.match(points, image / (1280.0, 960.0), rm.P3P(CAMERA), noise=noise)
+        statuses.add(given.status)
+        assert "multiply x by the width and y by the height" in given.advice
+    assert rm.Status.MATCHED not in statuses
+    assert rm.Status.AMBIGUOUS in statuses
+    assert rm.match(points, image, rm.P3P(CAMERA), noise=0.3)
+
+
+def test_a_body_whose_distance_leaves_nothing_of_a_rig_is_questioned() -> None:
+    """A model in millimetres before a rig in metres that only one camera shows among clutter is trusted."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-0.3, 0.3, (10, 3))
+    rig = rm.Rig([(CAMERA, np.eye(3), np.zeros(3)), (CAMERA, np.eye(3), np.array([-0.3, 0.0, 0.0]))])
+    seen = CAMERA.project(points @ Rotation.random(random_state=0).as_matrix().T + (0.05, -0.08, 1.5))
+    target = [seen + rng.normal(0, NOISE, seen.shape), rng.uniform((0, 0), (300, 300), (3, 2))]
+    told = "times as far away as the cameras are apart; check that the points and the rig have the same unit"
+    for unit in (1000.0, 1.0):
+        match = rm.match(unit * points, target, rm.P3P(rig), noise=NOISE)
+        assert match, match.advice
+        assert (told in match.advice) == (unit == 1000.0)
+
+
 def test_a_focal_length_in_millimetres_is_named() -> None:
     points = np.random.default_rng(0).uniform(-0.3, 0.3, (8, 3))
     image = 800.0 * points[:, :2] / (points[:, 2:] + 2.0) + (320.0, 240.0)

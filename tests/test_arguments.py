@@ -305,9 +305,9 @@ def test_two_detections_at_one_pixel_cost_no_other_match(how: str) -> None:
     assert "1 of the points may have another detection, or none" in match.advice
 
 
-@pytest.mark.parametrize("minimum", [0.999, 1.0])
+@pytest.mark.parametrize("minimum", [0.999, 0.99999999, 1.0])
 def test_a_probability_that_none_reaches_is_refused(minimum: float) -> None:
-    with pytest.raises(InputError, match=rf"min_probability: {minimum:g} given; give less than 0\.999"):
+    with pytest.raises(InputError, match=rf"min_probability: {minimum!r} given; give less than 0\.999"):
         rm.match(SCENE.source, SCENE.target, SCENE.problem, min_probability=minimum)
 
 

@@ -622,6 +622,7 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
         stopped_early=False,
         prior_holds=None,
         sightings=None,
+        bodies=None,
         problem=make(min_for_pose=0),
     )
     record = match_record(found)

@@ -239,6 +239,14 @@ def test_bodies_of_a_model(folder: Path, tmp_path: Path) -> None:
     result = run("track", model, folder / "frames.csv", *OPTIONS, "--poses", poses)
     assert result.exit_code == 0, result.output
     assert [(row["body"], row["status"] == "matched") for row in rows_of(poses)[:2]] == [("hmd", True), ("left", False)]
+    record = json.loads(run("match", model, folder / "image.csv", *OPTIONS, "--json").stdout)
+    assert list(record["bodies"]) == ["hmd", "left"]
+    hmd, left = record["bodies"].values()
+    assert (hmd["status"], left["status"], left["pose"]) == ("matched", "untrusted", None)
+    assert hmd["pose"]["t"] == pytest.approx(record["poses"][0]["t"])
+    assert [record["assignment"][i] for i, _ in hmd["pairs"]] == [j for _, j in hmd["pairs"]]
+    assert hmd["probability"] > 0.99 > left["probability"]
+    assert len(left["advice"]) > 20
     few = write(tmp_path / "few.csv", "body,x,y,z", rows[:10])
     result = run("match", few, folder / "image.csv", *OPTIONS)
     assert result.exit_code == 2
@@ -407,7 +415,7 @@ def test_times_and_ends_that_cannot_be_read(tmp_path: Path, header: str, rows: l
 
 def test_nothing_is_printed_of_a_file_without_frames(folder: Path, tmp_path: Path) -> None:
     for header, rows, words in [
-        ("x,y", [[1, 2]], "the column 'frame' is missing"),
+        ("x,y", [[1, 2]], "must name frame,x,y, or time (in seconds) in the place of frame"),
         ("frame,x,y", [], "no row follows the header"),
         ("frame,x,y", [[0, 1, "a"]], "y is 'a'"),
     ]:
@@ -415,6 +423,16 @@ def test_nothing_is_printed_of_a_file_without_frames(folder: Path, tmp_path: Pat
         assert result.exit_code == 2
         assert words in result.stderr
         assert result.stdout == ""
+
+
+@pytest.mark.parametrize("command", ["match", "track"])
+def test_an_error_about_noise_in_columns_names_these(folder: Path, tmp_path: Path, command: str) -> None:
+    rows = [[0, x, y, 1, 2, 1] for x, y in frame(0)[0].tolist()]
+    bad = write(tmp_path / "bad.csv", "frame,x,y,sxx,sxy,syy", rows)
+    result = run(command, folder / "model.csv", bad, *OPTIONS[:-2])
+    assert result.exit_code == 2
+    assert f"{bad}: columns sxx,sxy,syy: a covariance has a negative eigenvalue" in result.stderr
+    assert "--noise" not in result.stderr
 
 
 def test_a_column_sigma_says_how_noisy_each_detection_is(folder: Path, tmp_path: Path) -> None:

@@ -392,7 +392,10 @@ def test_of_pairs_of_matches_some_are_looked_at_where_time_is_short() -> None:
     few = Deadline(1000 * known_rotation.SECONDS_PER_PAIR / known_rotation.LISTED, clock=Clock())
     for deadline, count in ((NEVER, 4950), (few, 1000)):
         with deadline.enforce():
-            first, second = known_rotation.list_match_pairs(np.arange(100), np.arange(100), np.random.default_rng(0))
+            drawn = known_rotation.draw_match_pairs(np.arange(100), np.arange(100), np.random.default_rng(0))
+            first, second, share = (np.hstack(one) for one in zip(*drawn, strict=True))
         assert len(first) == count
+        assert share.sum() == pytest.approx(count / 4950)
+        assert len({frozenset(pair) for pair in zip(first.tolist(), second.tolist(), strict=True)}) == count
         assert (first != second).all()
         assert deadline.stopped_early == (count < 4950)

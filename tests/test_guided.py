@@ -357,18 +357,17 @@ def test_chance_ends_no_search_in_part_of_the_images() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_shares_no_detection_with_the_best_is_handed_on_if_other_images_tell(seed: int) -> None:
-    """Seven points of a body tell a pose; five of a copy may be chance."""
-    camera, apart = Camera(900.0, 900.0, 640.0, 480.0), []
-    for in_part in (False, True):
-        rng, options = np.random.default_rng(seed), Guided(stopping=StoppingOptions(in_part=in_part))
-        body, turns = rng.uniform(-0.5, 0.5, (7, 3)), Rotation.random(2, rng=rng).as_matrix()
-        first = camera.project(body @ turns[0].T + (-1.5, 0.0, 8.0))
-        second = camera.project(body[:5] @ turns[1].T + (1.5, 0.0, 8.0))
-        target = np.concatenate([first, second]) + rng.normal(0.0, 0.3, (12, 2))
-        told = search(P3P(camera), body, target, 0.3, options=options).assignments
-        apart.append(sum(not np.isin(one[one >= 0], told[0]).any() for one in told))
-    assert apart == [0, 1]
+@pytest.mark.parametrize("in_part", [False, True])
+def test_what_shares_no_detection_with_the_best_is_handed_on(seed: int, in_part: bool) -> None:
+    """Seven points of a body tell a pose; five of a copy may be chance, which the model of the image weighs."""
+    camera, options = Camera(900.0, 900.0, 640.0, 480.0), Guided(stopping=StoppingOptions(in_part=in_part))
+    rng = np.random.default_rng(seed)
+    body, turns = rng.uniform(-0.5, 0.5, (7, 3)), Rotation.random(2, rng=rng).as_matrix()
+    first = camera.project(body @ turns[0].T + (-1.5, 0.0, 8.0))
+    second = camera.project(body[:5] @ turns[1].T + (1.5, 0.0, 8.0))
+    target = np.concatenate([first, second]) + rng.normal(0.0, 0.3, (12, 2))
+    told = search(P3P(camera), body, target, 0.3, options=options).assignments
+    assert sum(not np.isin(one[one >= 0], told[0]).any() for one in told) == 1
 
 
 def test_a_second_place_is_found_although_the_first_explains_all_points() -> None:

@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rootmatch.explain import known_place, known_rotation
 
 Floats = NDArray[np.float64]
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -405,3 +406,35 @@ def test_the_first_frame_of_a_tracker_searches_every_body_also_if_its_pose_is_kn
     found = tracker.update(seen, prior=prior)
     assert found, found.advice
     assert found.assignment.tolist() == list(range(13))
+
+
+@pytest.mark.parametrize("kind", ["rotation", "position"])
+def test_no_more_pairs_are_tried_than_tell_that_nothing_as_good_was_missed(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Twelve points before two cameras: of the pairs of their 24 sightings a few would do."""
+    rng, tried = np.random.default_rng(8), list[float]()
+    source, R = rng.uniform((-0.3, -0.3, 0.7), (0.3, 0.3, 1.3), (12, 3)), Rotation.random(random_state=8).as_matrix()
+    t = np.array([0.1, 0.0, 3.0]) - R @ [0.0, 0.0, 1.0]
+    side = Rotation.from_euler("y", 10.0, degrees=True).as_matrix()
+    views = [(CAMERA, np.eye(3), np.zeros(3)), (CAMERA, side, np.array([-0.3, 0.0, 0.02]))]
+    target = [
+        np.vstack([CAMERA.project((source @ R.T + t) @ turn.T + shift), rng.uniform((400, 300), (900, 700), (5, 2))])
+        for _, turn, shift in views
+    ]
+    draw = known_rotation.draw_match_pairs
+
+    def counted(*arguments: Any) -> Any:
+        for one in draw(*arguments):
+            tried.append(one[2])
+            yield one
+
+    for module in (known_rotation, known_place):
+        monkeypatch.setattr(module, "draw_match_pairs", counted)
+    given: dict[str, Any] = {"rotation": (R, TURN)} if kind == "rotation" else {"position": (t, 0.001)}
+    problem = rm.P3P(rm.Rig(views, sizes=[(1280, 960)] * 2))
+    match = rm.match(source, target, problem, noise=SIGMA, prior=rm.PosePrior(**given))
+    assert match
+    assert match.sightings is not None
+    assert match.sightings.assignment.tolist() == [[*range(12)], [*range(17, 29)]]
+    assert 0.0 < sum(tried) < 0.25

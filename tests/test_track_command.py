@@ -13,8 +13,9 @@ import pytest
 import rootmatch as rm
 from commands import run
 from rootmatch.cli import track_summary
+from rootmatch.cli.error_messages import rephrase_advice
 from rootmatch.cli.track import tracking_options
-from rootmatch.cli.track_summary import WAITING, Queue, rephrase_advice
+from rootmatch.cli.track_summary import WAITING, Queue
 from rootmatch.problems.pose_fit.pose_checks import quaternion_to_rotation
 from test_cli_frames import FRAMES, OPTIONS, folder, write
 from test_tracker import frame
@@ -87,7 +88,15 @@ def test_why_frames_are_not_matched_is_said_once(folder: Path, tmp_path: Path) -
 
 def test_an_advice_names_options() -> None:
     told = "`search_budget` ended it; raise it in `TrackingOptions`, or give a larger `noise=`"
-    assert rephrase_advice(told) == "--search-budget ended it; raise it, or give a larger `--noise`"
+    assert rephrase_advice(told) == "`--search-budget` ended it; raise it, or give a larger `--noise`"
+    told = "give `noise=0.7`, `noise=(0.1, 0.2)`, a vertical (`UP2P`), or a `prior`; see `confidence` and `diagnose`"
+    assert rephrase_advice(told) == (
+        "give `--noise 0.7`, `--noise 0.1,0.2`, a vertical (`--problem up2p`), or a `--prior`; see `confidence` and "
+        "`rootmatch match --diagnose`"
+    )
+    assert rephrase_advice("all such bodies with `bodies=`, that `MotionOptions` allows") == (
+        "all such bodies with a column `body`, that `--velocity` and `--acceleration` allows"
+    )
 
 
 def test_options_of_motions_are_taken_in_degrees(folder: Path) -> None:

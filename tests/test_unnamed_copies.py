@@ -166,6 +166,18 @@ def test_a_vertical_tells_a_copy_that_leans_from_the_body(seed: int) -> None:
     assert (match.assignment[match.assignment >= 0] == right[0][match.assignment >= 0]).all()
 
 
+@pytest.mark.parametrize("seed", [0, 2, 3, 4, 5, 8, 10, 13])
+def test_a_copy_that_shows_less_than_the_body_is_weighed(seed: int) -> None:
+    """A search meets it with less evidence than chance may reach: the model knows whether it is an accident."""
+    rng = np.random.default_rng(seed)
+    points = cloud(rng, 8)
+    placed = [CAMERA.project(points @ Rotation.random(rng=rng).as_matrix().T + t) for t in ACROSS]
+    target, _ = seen(rng, [placed[0], placed[1][:6]], rng.uniform((0, 0), (1280, 960), (5, 2)), 0.4)
+    match = rm.match(points, target, rm.P3P(CAMERA), noise=0.4)
+    assert match.status is rm.Status.AMBIGUOUS
+    assert "in several places" in match.advice
+
+
 @pytest.mark.parametrize("problem", [rm.Rigid(), rm.Similarity()])
 @pytest.mark.parametrize("n", [5, 12])
 def test_two_copies_in_space_are_ambiguous(problem: rm.Problem, n: int) -> None:

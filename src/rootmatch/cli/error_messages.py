@@ -35,6 +35,50 @@ def translate_to_options(text: str, subjects: Mapping[str, str]) -> str:
     return text
 
 
+_OPTIONS = [
+    "camera",
+    "detection_rate",
+    "known",
+    "max_seconds",
+    "min_probability",
+    "motions",
+    "noise",
+    "normals",
+    "prior",
+    "resolution",
+    "rho",
+    "sampler",
+    "search_budget",
+    "solver",
+    "source_noise",
+    "vertical_noise",
+    "view_angle",
+]
+"""Arguments of Python that the command line has as options."""
+_CODE = re.compile(rf"`({'|'.join(_OPTIONS)})(=?)([^`]*)`")
+_WORDS = {
+    " in `TrackingOptions`": "",
+    "`MotionOptions`": "`--velocity` and `--acceleration`",
+    "`UP2P`": "`--problem up2p`",
+    "`bodies=`": "a column `body`",
+    "`diagnose`": "`rootmatch match --diagnose`",
+}
+
+
+def rephrase_advice(advice: str) -> str:
+    """An advice, or a diagnosis, in terms of the command line: what it calls an argument is an option here."""
+    for word, option in _WORDS.items():
+        advice = advice.replace(word, option)
+    return translate_to_options(_CODE.sub(_code_of_option, advice), {})
+
+
+def _code_of_option(found: re.Match[str]) -> str:
+    value = found[3].strip("()").replace(", ", ",")
+    if value and not found[2]:
+        return found[0]  # more than a name
+    return f"`--{_to_dashes(found[1])}{' ' * bool(value)}{value}`"
+
+
 def _to_dashes(name: str) -> str:
     return name.replace("_", "-")
 

@@ -8,10 +8,12 @@ from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, Any
 
+from rootmatch.cli.error_messages import rephrase_advice
 from rootmatch.io.appended_table import AppendedTable
 from rootmatch.io.csv_tables import csv_text
 from rootmatch.io.exports import trajectory_row
-from rootmatch.io.pose_files import IN_SPACE, covariance_columns, finite_or_none, pose_record, upper_triangle
+from rootmatch.io.pose_files import IN_SPACE, covariance_columns, finite_or_none, upper_triangle
+from rootmatch.report.json_record import body_record, told_pose
 from rootmatch.report.text import match_weights
 
 if TYPE_CHECKING:
@@ -34,11 +36,14 @@ def count_statuses(statuses: Counter[str]) -> str:
 
 
 def brief_advice(match: Match) -> str:
-    """The advice about a frame by what its match knows, without the trials and fits of `rootmatch.Match.advice`."""
+    """The advice about a frame in terms of the command line.
+
+    It is told by what the match knows, without the trials and fits of `rootmatch.Match.advice`.
+    """
     from rootmatch.explain.status_advice import advice
 
     confidence = None if match.finding.all_confidence is None else match.confidence
-    return advice(match.shown, confidence, match.stopped_early)
+    return rephrase_advice(advice(match.shown, confidence, match.stopped_early))
 
 
 def pose_columns(problem: Problem) -> tuple[str, ...]:
@@ -54,13 +59,13 @@ def pose_rows(frame: int, match: Match) -> list[list[Any]]:
     for label, one in each:
         probability = finite_or_none(one.finding.probability)
         told = [frame, label, one.status.name.lower(), probability, int((one.assignment >= 0).sum())]
-        rows.append([*told, *_cells(_pose(one), match.problem.predicted_rows)])
+        rows.append([*told, *_cells(told_pose(one), match.problem.predicted_rows)])
     return rows
 
 
 def trajectory_rows(time: float, match: Match) -> list[list[float]]:
     """The row of a frame in a trajectory of TUM; none where its pose is not sure."""
-    pose = _pose(match) if match else None
+    pose = told_pose(match) if match else None
     return [] if pose is None else [trajectory_row(time, pose)]
 
 
@@ -79,17 +84,8 @@ def frame_record(frame: int, time: float, match: Match, states: Mapping[Any, Tra
 
 
 def _body_record(match: Match, state: TrackingState) -> dict[str, Any]:
-    pose = _pose(match)
-    return {
-        "status": match.status.name.lower(),
-        "state": state.name.lower(),
-        "advice": brief_advice(match),
-        "prior_holds": match.prior_holds,
-        "stopped_early": match.stopped_early,
-        "probability": finite_or_none(match.finding.probability),
-        "pairs": match.pairs.tolist(),
-        "pose": None if pose is None else pose_record(pose),
-    }
+    told = body_record(match, brief_advice(match), match.finding.probability)
+    return {"status": told.pop("status"), "state": state.name.lower(), **told}
 
 
 def match_rows(frame: int, match: Match, source: PointSet) -> list[list[Any]]:
@@ -101,14 +97,6 @@ def match_rows(frame: int, match: Match, source: PointSet) -> list[list[Any]]:
         if j >= 0
     ]
     return found or [[frame, "", "", "", ""]]
-
-
-def _pose(match: Match) -> Pose | None:
-    if match.fused_pose is not None:
-        return match.fused_pose
-    if match.status.name == "UNTRUSTED" or not match.problem.min_for_pose:
-        return None
-    return match.poses[0] if match.poses else None
 
 
 def _cells(pose: Pose | None, rows: int) -> list[Any]:

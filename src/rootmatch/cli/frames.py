@@ -10,13 +10,14 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, nullcontext
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rootmatch.cli.error_messages import rephrase_advice
 from rootmatch.cli.noise import Noise
 from rootmatch.cli.problem_options import flag
 from rootmatch.cli.surroundings import note_remainder
@@ -138,7 +139,7 @@ def diagnose_frame(job: Job, image: Path, number: int) -> str:
     """What would explain the points of a frame that is not matched, see `rootmatch.Match.diagnose`."""
     frame = next(frame for frame in _read_frames(job, image) if frame.number == number)
     found = _matcher(job).match(frame.points, noise=job.noise_of(frame), prior=frame.known)
-    return f"frame {number}, the first that is not matched:\n{found.diagnose()}"
+    return f"frame {number}, the first that is not matched:\n{rephrase_advice(str(found.diagnose()))}"
 
 
 def _read_frames(job: Job, image: Path) -> Iterator[Frame]:
@@ -217,6 +218,7 @@ def _setting_text(value: Any) -> str:
 def _match_chunk(packed: bytes, frames: tuple[Frame, ...]) -> list[Result]:
     """Results of some frames, in a process of its own or in this one."""
     from rootmatch.cli.frame_outputs import match_rows, pose_rows
+    from rootmatch.cli.match_outputs import rephrase_record
     from rootmatch.jit.threads import use_one_thread
     from rootmatch.report.json_record import match_record
 
@@ -228,9 +230,10 @@ def _match_chunk(packed: bytes, frames: tuple[Frame, ...]) -> list[Result]:
             _load(job, frames[0])
             worker.loaded = True
         for frame in frames:
-            found = matcher.match(frame.points, noise=job.noise_of(frame), prior=frame.known)
+            with nullcontext() if job.noise is None else job.noise.naming(frame.sigma):
+                found = matcher.match(frame.points, noise=job.noise_of(frame), prior=frame.known)
             rows = {"--output": match_rows(frame.number, found, job.source), "--poses": pose_rows(frame.number, found)}
-            record = {"frame": frame.number, **match_record(found)}
+            record = {"frame": frame.number, **rephrase_record(match_record(found))}
             results.append((frame.number, found.status.name.lower(), rows, record))
     return results
 

@@ -149,6 +149,7 @@ def match(
     }
     options |= {name: value for name, value in of_image.items() if value is not None}
     subjects = {name: flag(name) for name in (*options, "noise", "motions", "seed")}
+    subjects["source_noise"] = given_noise.source_subject
     with (
         rename_to_options({"source": str(model), "target": str(image), **subjects, "bodies": str(model)}),
         progress_bar("hyper-edges", progress) as show,
@@ -156,7 +157,10 @@ def match(
         from rootmatch.api import match as find
 
         noise_of_image = given_noise.of(target.sigma)
-        found = find(source.points, target.points, posed, noise=noise_of_image, progress=show, **settings, **options)
+        with given_noise.naming(target.sigma):
+            found = find(
+                source.points, target.points, posed, noise=noise_of_image, progress=show, **settings, **options
+            )
     outputs.write(found, source, target, true)
     print_match(
         found=found,

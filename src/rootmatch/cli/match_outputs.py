@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from rootmatch.cli.error_messages import rephrase_advice
 from rootmatch.cli.problem_options import flag
 from rootmatch.cli.surroundings import render_text
 from rootmatch.errors import InputError
@@ -155,18 +156,26 @@ def print_match(
     """Print the match: a table, or one JSON object; the advice is in the table, else on standard error."""
     from rootmatch.report import text
 
+    advice = rephrase_advice(found.advice)
     if as_json:
         from rootmatch.report.json_record import diagnosis_record, match_record
 
-        record = match_record(found)
+        record = rephrase_record(match_record(found))
         if diagnosis is not None:
             record["diagnosis"] = diagnosis_record(diagnosis)
         print(json.dumps(record, allow_nan=False))
-        print(f"rootmatch: {found.advice}", file=sys.stderr)
+        print(f"rootmatch: {advice}", file=sys.stderr)
     else:
-        names = {"source_names": source.names, "target_names": target.names}
+        names: dict[str, Any] = {"source_names": source.names, "target_names": target.names, "advice": advice}
         file.write(
             render_text(lambda console: text.print_match(found, console, **names, truth=true, estimated=estimated))
         )
     if diagnosis is not None:
-        print(diagnosis, file=sys.stderr)
+        print(rephrase_advice(str(diagnosis)), file=sys.stderr)
+
+
+def rephrase_record(record: dict[str, Any]) -> dict[str, Any]:
+    """A record of a match with the advice about each body in terms of the command line."""
+    for body in record.get("bodies", {}).values():
+        body["advice"] = rephrase_advice(body["advice"])
+    return record

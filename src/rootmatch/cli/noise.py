@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rootmatch.cli.error_messages import rename_to_options
 from rootmatch.errors import InputError, quote_value
 
 if TYPE_CHECKING:
@@ -49,6 +51,20 @@ class Noise:
             exact = f"{self.problem.name} takes its points as exact"
             raise InputError(f"{self.model}: it has a column {name}, but {exact}; leave the column out")
         return self.source_sigma
+
+    def naming(self, target_sigma: Floats | None) -> AbstractContextManager[None]:
+        """A block whose errors about the noise name the columns of the detections, if those state it."""
+        if target_sigma is None:
+            return nullcontext()
+        columns = {1: "column sigma", 2: "columns sx,sy,sz", 3: "columns sxx,sxy,syy"}[target_sigma.ndim]
+        return rename_to_options({"noise": f"{self.image}: {columns}"})
+
+    @property
+    def source_subject(self) -> str:
+        """What an error about the noise of the model begins with."""
+        if self.source_sigma is None:
+            return "--source-noise"
+        return f"{self.model}: {'column sigma' if self.source_sigma.ndim == 1 else 'columns sx,sy,sz'}"
 
     def of(self, target_sigma: Floats | None) -> Any:
         """The argument ``noise`` of `rootmatch.match` for detections with such a column, or without."""

@@ -208,7 +208,7 @@ def track(
     options = option.given_options(source, noises, given) | {"seed": seed}
     if normals and source.normals is not None:
         options["normals"] = source.normals
-    subjects = {name: flag(name) for name in (*options, "noise")}
+    subjects = {name: flag(name) for name in (*options, "noise")} | {"source_noise": noises.source_subject}
     if outputs.trajectory and source.bodies is not None:
         raise InputError(f"--pose-format: tum is a trajectory of one body, but {model} has a column body; give csv")
     summary, queue = TrackSummary(rate or RATE), Queue()
@@ -233,7 +233,8 @@ def track(
                 try:
                     if frame.fault is not None:
                         raise InputError(frame.fault)
-                    found = tracker.update(frame.points, time=when, noise=weights, prior=predicted)
+                    with noises.naming(frame.sigma):
+                        found = tracker.update(frame.points, time=when, noise=weights, prior=predicted)
                 except InputError as error:
                     if not skip_bad_frames:
                         raise InputError(f"{error} (frame {frame.number})") from None

@@ -15,7 +15,6 @@ from itertools import pairwise
 from statistics import median
 from typing import TYPE_CHECKING
 
-from rootmatch.cli.error_messages import translate_to_options
 from rootmatch.cli.frame_outputs import brief_advice, count_statuses
 
 if TYPE_CHECKING:
@@ -27,7 +26,6 @@ LATE = 1.0
 """Seconds by which answers come later than the first ones from which it is said that frames wait. A round value."""
 WAITING = 20
 """Frames in a row that were there before the one before was answered, which say so. A round value."""
-_NAMES = re.compile(r"`(search_budget|min_probability|max_seconds)`")
 _NUMBERS = re.compile(r"\d+(\.\d+)?(e[-+]?\d+)?")
 
 
@@ -75,7 +73,7 @@ class TrackSummary:
             share = f"{count} of the {total}" if count < total else f"the {total}"
             of = f"{share} that are not matched"
             of = "the one that is not matched" if total == 1 else of
-            yield f"{of}: {rephrase_advice(self._examples[kind])}"
+            yield f"{of}: {self._examples[kind]}"
         yield from self._slow_frames()
         yield f"{count_statuses(self.statuses)}{f', {self.skipped} left out' if self.skipped else ''}"
 
@@ -93,11 +91,6 @@ class TrackSummary:
                 what = "if frame is a time in milliseconds, give --rate 1000"
                 at = f" at --rate {self._rate:g}"
             yield f"warning: the frames are {step:.3g} s apart{at}; {what}"
-
-
-def rephrase_advice(advice: str) -> str:
-    """An advice in terms of the command line."""
-    return translate_to_options(_NAMES.sub(r"\1=", advice.replace(" in `TrackingOptions`", "")), {})
 
 
 class Queue:

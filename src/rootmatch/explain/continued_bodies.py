@@ -6,7 +6,8 @@ as much as the body does, from wherever its rows are counted. So the image may s
 
 - the body, and detections that are clutter, as the posterior has it;
 - the body, and what goes on beside it: beyond its points only, as among them it says itself which places are empty;
-- something else alone: a body with a point in every place, of which the image shows any share, or a window.
+- something else alone: a body with a point in every place, of which the image shows any share, or a window; or one as
+  large as the body, with a point in each of its holes as well, as another board with other corners missing.
 
 All three have the evidence of `rootmatch.model.evidence`, with places in the stead of points.
 """
@@ -207,15 +208,14 @@ def _continuation_odds(beside: Beside, mode: Modes) -> tuple[float, float] | Non
     """
     (assignment,), pose, places = mode.assignments, (mode.rotation, mode.position), beside.places
     left = beside.unused_detections(mode)
-    if not left.any() or not (beside.off_by(mode)[:, left] < GATE**2).any():
+    near = beside.off_by(mode)[:, left] < GATE**2
+    if not near.any():
         return None
-    known = dict[bytes, Settled]()
-    settle_assignment(beside.whole, pose, mode.covariance[0], known=known)
-    if not known:
+    best, instead = _log_odds_instead(beside.whole, mode)
+    if best is None:
         return None
-    best = max(known.values(), key=lambda one: one.log_odds)
-    settled = best.assignment[None], best.rotation[None], best.position[None]
-    instead = best.log_odds + _gain_by_hulls(beside.whole, *settled) - float(mode.log_mass[0])
+    if near[~places.beyond].any():
+        instead = float(np.logaddexp(instead, _log_odds_instead(beside.filled, mode)[1])) - math.log(2.0)
     # beyond the body is what its own matches leave there
     own = assignment.reshape(beside.images, -1)
     more = best.assignment.reshape(beside.images, -1)[:, own.shape[1] :]
@@ -228,6 +228,20 @@ def _continuation_odds(beside: Beside, mode: Modes) -> tuple[float, float] | Non
     shown += _gain_by_hulls(beside.outside, rest, *pose)
     # −∞ where some of the places, which are told about another pose, cannot be seen from this one
     return float((both.place_log_odds + shown - mode.log_odds)[0]), instead
+
+
+def _log_odds_instead(model: DetectionModel, mode: Modes) -> tuple[Settled | None, float]:
+    """What explains most of all points and places of a model from about a mode's pose, and its log-odds over the mode.
+
+    None, and −∞, where nothing is explained from there.
+    """
+    known = dict[bytes, Settled]()
+    settle_assignment(model, (mode.rotation, mode.position), mode.covariance[0], known=known)
+    if not known:
+        return None, -math.inf
+    best = max(known.values(), key=lambda one: one.log_odds)
+    gain = _gain_by_hulls(model, best.assignment[None], best.rotation[None], best.position[None])
+    return best, best.log_odds + gain - float(mode.log_mass[0])
 
 
 def _gain_by_hulls(model: DetectionModel, assignment: Integers, rotation: Floats, position: Floats) -> float:

@@ -19,6 +19,7 @@ from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.mistake import Change, Mistake
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.usual_mistakes import NOISIER, usual_mistakes
+from rootmatch.samplers.limits import LIMITS
 
 FEWEST_FREEDOM = 6
 """Degrees of freedom of a match that tell a factor on σ, those of four points in space: three stray points look like
@@ -27,6 +28,10 @@ LEAD = 5.0
 """Log-odds over what was found as given, and over changes that mean nothing, from which a change corrects a mistake:
 noise prefers one or another. A value that was fitted costs as much: one known to .3 % of its prior's width. A round
 value."""
+
+LONGER = 10
+"""How many times as many evaluations a search may take as that of an input that matched as given: what corrects a
+mistake explains more than that, and is met sooner. A round value."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +135,7 @@ def try_mistakes(match: Any, judge: Callable[[Finding], Any], max_seconds: float
     ``judge`` makes the match of a finding; passed in because this package is a layer below.
     """
     given = _trial(Mistake("", "", lambda task: task), match)
-    every = replace(_task_of_the_rest(match), kept_searches=[])
+    every = replace(_task_of_the_rest(match), kept_searches=[], budget=_budget(match))
     mistakes = list(usual_mistakes(every)) if every.shape[1] >= every.problem.order else []
     deadline, trials, skipped = Deadline(max_seconds), list[Trial](), 0
     for k, mistake in enumerate(mistakes):
@@ -160,6 +165,14 @@ def try_mistakes(match: Any, judge: Callable[[Finding], Any], max_seconds: float
     # as they are printed: those that differ by less stay in their order, the commonest first
     ranked = sorted(weighed, key=lambda one: math.inf if one.log_odds is None else -round(one.log_odds, 1))
     return Diagnosis(given, tuple(ranked), len(mistakes) - len(trials) - skipped)
+
+
+def _budget(match: Any) -> int | None:
+    """Evaluations of the search of a trial; None, as many as it takes, if not all matches as given."""
+    task: MatchingTask = match.task
+    if task.budget is not None or match.status is not Status.MATCHED or not match.evaluated:
+        return task.budget
+    return int(LONGER * max(match.evaluated, LIMITS.quick))
 
 
 def _task_of_the_rest(match: Any) -> MatchingTask:

@@ -9,6 +9,7 @@ of angles has the pairs that agree (`angle_table`). Otherwise all pairs are look
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -16,11 +17,11 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.angle_table import Agreeing, Directions, search_angle_table, select_agreeing
 from rootmatch.explain.known_rotation import (
-    MAX_POSES,
+    PairPoses,
     assign_about_poses,
-    draw_some,
+    draw_match_pairs,
+    draw_poses,
     lines_of_sight,
-    list_match_pairs,
     pack_pairs,
 )
 from rootmatch.explain.task import MatchingTask
@@ -54,12 +55,10 @@ def propose_by_position(
     """
     if known.place is None or known.turn is not None:
         return None
-    if pairs is None:
-        pairs = _find_all_pairs(task, known.place)
-    if not len(pairs.rotation):
-        return None
+    drawn = [(pairs, 1.0)] if pairs is not None else _find_all_pairs(task, known.place)
+    t, centre = known.place[0], model.centre
     return assign_about_poses(
-        model, known, pairs.matches, (pairs.rotation, known.place[0] + pairs.rotation @ model.centre)
+        model, known, (PairPoses(*some, t + some.rotation @ centre, share) for some, share in drawn)
     )
 
 
@@ -73,12 +72,13 @@ def find_pairs_by_angle(task: MatchingTask, known: PosePrior) -> Pairs | None:
     return None if found is None else _pairs(task, given, found)
 
 
-def _find_all_pairs(task: MatchingTask, place: tuple[Floats, Floats]) -> Pairs:
-    """The pairs that agree of all pairs of matches, or of some where there are many."""
+def _find_all_pairs(task: MatchingTask, place: tuple[Floats, Floats]) -> Iterator[tuple[Pairs, float]]:
+    """The pairs that agree, block by block, with the share of all pairs of matches; some where there are many."""
     given, rng = _directions(task, *place), np.random.default_rng(task.options.seed)
-    first, second = select_agreeing(given, *list_match_pairs(_rows(task, given), given.j, rng))
-    some = draw_some(len(first), MAX_POSES, rng)
-    return _pairs(task, given, Agreeing.of(given, first[some], second[some]))
+    for one, other, share in draw_match_pairs(_rows(task, given), given.j, rng):
+        first, second = select_agreeing(given, one, other)
+        some, share = draw_poses(np.arange(len(first)), share, rng)
+        yield _pairs(task, given, Agreeing.of(given, first[some], second[some])), share
 
 
 def _pairs(task: MatchingTask, given: Directions, found: Agreeing) -> Pairs:

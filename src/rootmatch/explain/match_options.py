@@ -87,7 +87,7 @@ class MatchOptions:
         if self.min_probability is not None and self.min_probability >= 1.0 - WRONG_MODEL:
             maximum = 1.0 - WRONG_MODEL
             raise InputError(
-                f"min_probability: {self.min_probability:g} given; give less than {maximum:g}: no match is more "
+                f"min_probability: {float(self.min_probability)!r} given; give less than {maximum:g}: no match is more "
                 "probable, as the model itself may be wrong"
             )
         check_choice("backend", self.backend, selection.NAMES)

@@ -62,6 +62,14 @@ class Beside:
         """The model of points in all of the places, beside the body's own."""
         return self._with_points({name: np.concatenate([one, self.there[name]]) for name, one in self.own.items()})
 
+    @once
+    def filled(self) -> DetectionModel:
+        """The model of points in the body's holes, beside its own."""
+        holes = ~self.places.beyond
+        return self._with_points(
+            {name: np.concatenate([one, self.there[name][holes]]) for name, one in self.own.items()}
+        )
+
     def each(self, told: Posterior) -> list[Modes]:
         """The modes of a posterior that are weighed, one by one."""
         modes = told.modes.first(MODES)

@@ -14,6 +14,30 @@ BY_CHANCE = 1e-3
 hidden, is far more frequent. A round value."""
 FEW = 2
 """Sightings in a camera that clutter may make: a minimal set has one more."""
+FAR = 100.0
+"""Distance of a body, over that of the cameras from each other, from which all of these are as in one place: a rig is
+not built so. A round value."""
+
+
+def unit_advice(finding: Finding) -> str:
+    """What to check where one camera of several shows the object: in a unit too small, all are as in one place."""
+    task = finding.task
+    one_camera = len({*task.camera_of[finding.assignment[finding.assignment >= 0]]}) == 1 and task.rig is not None
+    return "; check that the points and the rig have the same unit, or see `diagnose`" if one_camera else ""
+
+
+def scale_advice(finding: Finding) -> str:
+    """What to check where a trusted body is so far away that it hardly matters where the cameras of a rig are."""
+    rig, pose, told = finding.task.rig, finding.pose, unit_advice(finding)
+    if rig is None or pose is None or not told or len(rig.cameras) < 2:
+        return ""
+    distance = float(np.linalg.norm(pose.transform(finding.task.points.source.mean(axis=0)[None])[0]))
+    apart = float(np.linalg.norm(rig.centres - rig.centres[0], axis=1).max())
+    if not 0.0 < apart * FAR < distance:
+        return ""
+    return (
+        f"; only one camera shows it, and it is {distance / apart:.0f} times as far away as the cameras are apart{told}"
+    )
 
 
 def camera_advice(finding: Finding) -> str:

@@ -12,12 +12,13 @@ from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import ANOTHER, Misfit
 from rootmatch.explain.inexact_points import alike_error
+from rootmatch.explain.merged_detections import merged_advice
 from rootmatch.explain.mistake import format_scaled
+from rootmatch.explain.obvious_faults import TOGETHER, is_detected_twice, obvious_fault, unit_fault
 from rootmatch.explain.predicted_poses import agrees_with_prior, contradicts_vertical, is_against_prior
-from rootmatch.explain.silent_cameras import camera_advice
+from rootmatch.explain.silent_cameras import camera_advice, scale_advice, unit_advice
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.two_view_decision import has_vague_axes, nothing_found_text
-from rootmatch.explain.usual_mistakes import TOGETHER, is_detected_twice, obvious_fault
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import are_targets_disjoint
 from rootmatch.model.priors import PRESENT_ODDS, probability
@@ -64,6 +65,8 @@ def advice(
     """
     if finding.status is Status.UNTRUSTED and (reason := obvious_fault(finding.task) or finding.reason) is not None:
         return f"no trustworthy match: {reason}"
+    if finding.status is Status.AMBIGUOUS and (reason := unit_fault(finding.task)) is not None:
+        return f"ambiguous: {reason}"
     unsure = 0 if confidence is None else int((confidence < MIN_PROBABILITY).sum())
     if (of_bodies := _bodies_text(finding)) is not None:
         text = of_bodies
@@ -82,7 +85,7 @@ def advice(
                 f"; it fits only if the points of the model are off by {finding.point_error:.2g} on each axis: give "
                 "`source_noise=` if they are, or a larger `noise=` if the detections are"
             )
-        text += camera_advice(finding)
+        text += scale_advice(finding) + camera_advice(finding)
         if undetermined:
             text += "; these points do not determine the pose in every direction: see its covariance"
         if finding.sequence_factor >= NOISY:
@@ -97,6 +100,7 @@ def advice(
             f"; most detections have another within {TOGETHER:.0f} σ: if the detector reports each point twice, "
             "merge such pairs first, as the second counts as clutter"
         )
+    text += merged_advice(finding)
     if agrees_with_prior(finding) is False:
         against, check = _contradiction_texts(finding)
         text += f"; this pose contradicts {against}{', which was ignored' * (not finding.prior_holds)}; {check}"
@@ -147,7 +151,7 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
             told += ", or `source_noise=` if the model is inexact" if exact else ""
             return (
                 f"no trustworthy match: judging by the residuals, the noise is {factor:.1f} times as large as given, "
-                f"or the pose is wrong; give {told}, and check {problem.to_check}{_unit_text(finding) or causes}"
+                f"or the pose is wrong; give {told}, and check {problem.to_check}{unit_advice(finding) or causes}"
             )
         if not has_vague_axes(problem):
             return (
@@ -195,13 +199,6 @@ def _contradiction_texts(finding: Finding) -> tuple[str, str]:
     if finding.task.rivals.places and not finding.contradicted:
         return "the prediction from earlier frames", "check their times, and the speeds that `MotionOptions` allows"
     return "the prior", "check the prior and its σ"
-
-
-def _unit_text(finding: Finding) -> str:
-    """What to check where one camera of several shows the object: in a unit too small, all are as in one place."""
-    task = finding.task
-    one_camera = len({*task.camera_of[finding.assignment[finding.assignment >= 0]]}) == 1 and task.rig is not None
-    return "; check that the points and the rig have the same unit, or see `diagnose`" if one_camera else ""
 
 
 def _is_there(finding: Finding) -> bool:
@@ -266,7 +263,7 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
     if _is_elsewhere(finding):
         return (
             "ambiguous: the object, or one that looks like it, is in several places, and any of them may be the "
-            f"right one; see `alternatives`{prior or (', or ' + to_tell)}{_unit_text(finding)}{camera_advice(finding)}"
+            f"right one; see `alternatives`{prior or (', or ' + to_tell)}{unit_advice(finding)}{camera_advice(finding)}"
         )
     if _is_assignment_certain(finding):
         return (

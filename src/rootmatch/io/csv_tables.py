@@ -159,7 +159,10 @@ def check_header(path: Path, row: int, header: list[str], needed: Sequence[str],
         hint = (
             "; is it an image, and are the two files swapped?" if missing == ["z"] else _suggest_columns(unknown, known)
         )
-        raise InputError(f"{where}: the column {missing[0]!r} is missing, the header must name {expected}{hint}")
+        or_time = ", or time (in seconds) in the place of frame" if missing[0] == "frame" and "time" in known else ""
+        raise InputError(
+            f"{where}: the column {missing[0]!r} is missing, the header must name {expected}{or_time}{hint}"
+        )
     if unknown:
         of_points = {"x", "y"} <= set(unknown)
         hint = "; is it a file of points or detections?" if of_points else _suggest_columns(unknown[:1], known)

@@ -24,11 +24,12 @@ def match_record(match: Match) -> dict[str, Any]:
     ``noise`` (σ in pixels, null if it differs by point),
     ``noise_factor`` and ``point_error`` (see `rootmatch.Match`), ``poses`` (one for each motion, null if it has none;
     null for problems that fit no poses; see `rootmatch.io.pose_record`), which alternatives have too, ``other_poses``
-    (of the same assignment, or null: objects with ``pose`` and ``probability``). Indices are zero-based row numbers. A
-    number that is not finite becomes null.
+    (of the same assignment, or null: objects with ``pose`` and ``probability``), and of several bodies ``bodies``, by
+    label what `body_record` tells. Indices are zero-based row numbers. A number that is not finite becomes null.
     """
     fits = bool(match.problem.min_for_pose)
     others = match.alternative_poses if fits else [None] * len(match.alternatives)
+    bodies = None if match.bodies is None else match.bodies.items()
     return {
         "assignment": match.assignment.tolist(),
         "score": finite_or_none(match.score),
@@ -55,7 +56,40 @@ def match_record(match: Match) -> dict[str, Any]:
         "other_poses": [{"pose": pose_record(pose), "probability": likely} for pose, likely in match.other_poses]
         if fits
         else None,
+        **(
+            {}
+            if bodies is None
+            else {"bodies": {str(k): body_record(one, one.advice, one.probability) for k, one in bodies}}
+        ),
     }
+
+
+def body_record(match: Match, advice: str, probability: float | None) -> dict[str, Any]:
+    """A body as numbers, lists and strings that JSON can hold.
+
+    Keys: ``status``, ``advice`` (a sentence), ``prior_holds`` (null without one, or if nothing is trusted),
+    ``stopped_early``, ``probability`` (null if there is none), ``pairs`` (source point, detection), ``pose`` (see
+    `rootmatch.io.pose_record`; null if it is not known).
+    """
+    pose = told_pose(match)
+    return {
+        "status": match.status.name.lower(),
+        "advice": advice,
+        "prior_holds": match.prior_holds,
+        "stopped_early": match.stopped_early,
+        "probability": finite_or_none(probability),
+        "pairs": match.pairs.tolist(),
+        "pose": None if pose is None else pose_record(pose),
+    }
+
+
+def told_pose(match: Match) -> Pose | None:
+    """The pose of one body, with what frames before tell; None where it is not known."""
+    if match.fused_pose is not None:
+        return match.fused_pose
+    if match.status.name == "UNTRUSTED" or not match.problem.min_for_pose:
+        return None
+    return match.poses[0] if match.poses else None
 
 
 def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -73,6 +73,7 @@ def print_match(
     target_names: Sequence[str] | None = None,
     truth: Integers | None = None,
     estimated: bool = False,
+    advice: str | None = None,
 ) -> None:
     """Print the table of matches, unmatched points, figures, advice and, unless matched, the alternatives.
 
@@ -87,6 +88,8 @@ def print_match(
         The true assignment, −1 for points without an image; each match is then marked right or wrong.
     estimated : bool
         Whether σ was estimated; if so it is printed.
+    advice : str, optional
+        The advice in other words than those of `Match.advice`.
     """
     sources = point_names(source_names, match.soft_assignment.shape[0])
     targets = point_names(target_names, match.soft_assignment.shape[1])
@@ -101,7 +104,7 @@ def print_match(
     _print_line(console, f"{summarise_match(match)}; {match.evaluated:,} hyper-edges in {match.seconds:.3g} s")
     if estimated:
         _print_line(console, f"noise: {match.noise:.3g} px, estimated")
-    _print_line(console, match.advice)
+    _print_line(console, advice or match.advice)
     if match.status.name != "MATCHED":
         for rank, (other, score) in enumerate(match.alternatives[:ALTERNATIVES_SHOWN], start=1):
             known = "" if score is None else f", score {score:.4g}"

@@ -297,8 +297,8 @@ class Search:
     def assignments(self) -> Integers:
         """Assignments (K, n) of the hypotheses, each once, those of the highest evidence first.
 
-        Where one is beyond chance, it and its rivals; if other images tell, also the best that shares none of its
-        detections.
+        Where one is beyond chance, it and its rivals; also the best that shares none of its detections, beyond chance
+        or not: a copy that shows less is judged by the model of the image, which knows how rare it is.
         """
         _, _, hypotheses = self._cluster_hypotheses()
         level, evidence = self._false_alarm_level(), hypotheses.evidence
@@ -308,8 +308,7 @@ class Search:
         if len(evidence) and evidence[0] > level:
             near &= self._rivals(evidence)
         told = hypotheses.assignments(near, self.options.hypotheses)
-        apart = hypotheses.apart_from_first()
-        return np.concatenate([told, hypotheses.assignments(apart, int(self.options.stopping.in_part))])
+        return np.concatenate([told, hypotheses.assignments(hypotheses.apart_from_first(), 1)])
 
     def _rivals(self, evidence: Floats) -> Bools:
         """Which hypotheses, strongest first, come near the first one."""
