@@ -40,6 +40,8 @@ STEP_OF_POWER = math.exp(-16.0 * STEP)
 """Factor on (d / L)^16 in a step. The power says how soft a limit is: by it, the logarithms of the distances at which
 points are lost have the standard deviation .11. LEDs of one kind differ by some 20 % in brightness, which goes with the
 square of a distance. A stated value, not measured."""
+MAX_STEPS = 160
+"""Steps that go through the range of distances: more tell nothing."""
 EARLIER = math.exp(12.0 * STEP)
 """Factor on the square of the size of the farthest match from where limits count: 5 % of it remain there."""
 WITHIN = math.exp(-5.0)
@@ -158,7 +160,7 @@ def log_with_range_limit(
     fill_miss_products(missing, powers, limit, rates, products)
     products[2] = 0.0
     here = _chance_beyond(place)
-    while True:
+    for _ in range(MAX_STEPS):
         place += STEP
         there = _chance_beyond(place)
         kept = 1.0 + crowd * power
@@ -267,9 +269,11 @@ def find_occluders(assignment, pixels, missing, images, sides, in_sight, odds): 
                         in_sight[WINDOW, i] = 0.0
                         outside += missing[i]
                         break
-        # a line in one of the directions parts the points in one way for each, a circle in one for each three of them
+        # a line in one of the directions parts the points in one way for each, one in any direction in one for each two
+        # of them, and a circle in one for each three
+        ways = DIRECTIONS if way < DIRECTIONS else max(0.5 * points, DIRECTIONS)
         before = odds[EDGE] if odds[EDGE] > -math.inf else 0.0
-        odds[EDGE] = before + LOG_ODDS - math.log(DIRECTIONS * points)
+        odds[EDGE] = before + LOG_ODDS - math.log(ways * points)
         if outside > maximum * ABOVE_ROUNDING:
             before = odds[WINDOW] if odds[WINDOW] > -math.inf else 0.0
             odds[WINDOW] = before + LOG_ODDS - math.log(points * points * points / 6.0)
