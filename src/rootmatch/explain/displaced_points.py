@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Integers
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.point_set_decision import make_point_set_model
@@ -58,9 +58,9 @@ def _find_displaced_in_image(found: Finding, left: Bools) -> list[Displaced]:
     rows = np.arange(model.shape[0]).reshape(images, -1)
     reach = REACH * errors[-1] * np.linalg.norm(at.by_position[0], axis=(1, 2))
     away = np.linalg.norm(model.target - at.pixels[0][:, None], axis=2)
-    away[:, ~left] = np.inf
-    away[(np.repeat(np.arange(images), rows.shape[1])[:, None] != model.image_indices) | (away > reach[:, None])] = np.inf
-    away[told.modes.visible[found.mode] <= HIDDEN] = np.inf
+    may = left & (np.repeat(np.arange(images), rows.shape[1])[:, None] == model.image_indices)
+    may &= (away < reach[:, None]) & (told.modes.visible[found.mode] > HIDDEN)[:, None]
+    away = np.where(may, away, np.inf)
     nearest = np.where(np.isfinite(away.min(axis=1, initial=np.inf)), away.argmin(axis=1), -1)
     missing = (own[rows] < 0).all(axis=0) & (nearest[rows] >= 0).any(axis=0)
     for point in np.flatnonzero(missing).tolist():
