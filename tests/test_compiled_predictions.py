@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-import oracles
 from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig_image import RigImage
@@ -181,39 +182,102 @@ def test_reversed_depth(camera: CameraModel, flatness: float) -> None:
     np.testing.assert_array_equal(found.assignments, assignments)
 
 
-def test_a_motion_ahead_and_a_pose_taken_in() -> None:
-    """By matrices, from a state of full covariance."""
+def random_levels(rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
+    """Covariances (3, 18, 18), means (3, 18) about 0, and shares (3,)."""
+    rows, shares = rng.normal(size=(3, 18, 18)), np.array([0.6, 0.3, 0.1])
+    apart = rng.normal(size=(3, 18))
+    return rows @ rows.swapaxes(1, 2), apart - shares @ apart, shares
+
+
+def together(levels: tuple[Floats, Floats, Floats]) -> Floats:
+    """Covariance of a mixture of normal distributions whose mean is 0."""
+    each, apart, shares = levels
+    return np.einsum("j,jab->ab", shares, each + apart[:, :, None] * apart[:, None])
+
+
+def empty_state() -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
+    """Arrays for a state and for its levels."""
+    state = np.empty((3, 3)), np.empty(3), np.empty(12), np.empty((18, 18))
+    return state, (np.empty((3, 18, 18)), np.empty((3, 18)), np.empty(3))
+
+
+def test_a_motion_ahead() -> None:
+    """By matrices, from levels of full covariance, each of which may have become any other."""
     rng = np.random.default_rng(1036)
     for angle in (1.0, 1e-9):
-        rows, F, added = rng.normal(size=(18, 18)), *transition(0.02, 0.1)
-        P, variances, motion = rows @ rows.T, rng.uniform(1.0, 2.0, 6), rng.normal(size=12)
+        levels, (F, added) = random_levels(rng), transition(0.02, 0.1)
+        variances, stated, motion = np.array([0.3, 2.0, 9.0]), rng.uniform(1.0, 2.0, 6), rng.normal(size=12)
         motion[[0, 1, 2, 6, 7, 8]] *= angle
         R, t = Rotation.random(random_state=1037).as_matrix(), rng.normal(size=3)
-        out = np.empty((3, 3)), np.empty(3), np.empty(12), np.empty((18, 18))
-        move_ahead(F, added, (R, t, motion, P, variances), out)
+        usual, kept, out = np.array([0.5, 0.3, 0.2]), 0.7, empty_state()
+        before = R, t, motion, together(levels)
+        move_ahead((F, added), before, levels, (usual, kept, variances, stated, 0.0), out)
         whole, change = np.kron(F, np.eye(6)), F[:, 1:] @ motion.reshape(2, 6)
         whole[:3, :3] = turn = Rotation.from_rotvec(change[0, :3]).as_matrix()
-        ahead = whole @ P @ whole.T + np.kron(added, np.diag(variances))
-        expected = turn @ R, t + change[0, 3:], change[1:].ravel(), ahead
-        for one, other in zip(out, expected, strict=True):
+        expected = turn @ R, t + change[0, 3:], change[1:].ravel()
+        for one, other in zip(out[0][:3], expected, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+        each, apart, shares = levels
+        joint = shares[:, None] * (kept * np.eye(3) + (1.0 - kept) * usual)  # from one level (rows) to another
+        ahead, moved, after = out[1]
+        np.testing.assert_allclose(after, joint.sum(axis=0), rtol=1e-12)
+        for j in range(3):
+            part = joint[:, j] / joint[:, j].sum()
+            mean = part @ apart
+            mixed = np.einsum("i,iab->ab", part, each + (apart - mean)[:, :, None] * (apart - mean)[:, None])
+            mixed = whole @ mixed @ whole.T + variances[j] * np.kron(added, np.diag(stated))
+            np.testing.assert_allclose(moved[j], whole @ mean, rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(ahead[j], mixed, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(out[0][3], together((ahead, moved, after)), rtol=1e-9, atol=1e-9)
 
-        fitted, step = 0.3 * ahead[:6, :6] + 0.01 * np.eye(6), rng.normal(size=6)
-        turn = np.kron(np.eye(6), Rotation.from_rotvec(step[:3]).as_matrix())
-        ahead = oracles.in_either_axes(ahead, turn @ ahead @ turn.T)
-        inverse, bent = np.linalg.inv(ahead[:6, :6]), np.empty((18, 18))
-        taken = np.empty(12), np.empty((18, 18)), np.empty((6, 6)), bent
-        straight = np.append(step[:3], oracles.moved_along_arc(np.append(-step[:3], step[3:])))
-        left, squared = take_pose((out[2], out[3]), straight, fitted, taken)
-        np.testing.assert_allclose(bent, ahead, rtol=1e-6, atol=1e-9 * np.abs(ahead).max())
-        np.testing.assert_allclose(taken[2], inverse, rtol=1e-9, atol=1e-9 * np.abs(inverse).max())
-        gain = ahead[6:, :6] @ inverse
-        np.testing.assert_allclose(taken[0], expected[2] + gain @ step, rtol=1e-6)
-        rest = ahead[6:, 6:] - gain @ (ahead[:6, :6] - fitted) @ gain.T
-        updated = np.block([[fitted, fitted @ gain.T], [gain @ fitted, rest]])
-        np.testing.assert_allclose(taken[1], updated, rtol=1e-6, atol=1e-6)
-        assert left == pytest.approx(np.trace(fitted @ inverse), rel=1e-9)
-        assert squared == pytest.approx(step @ inverse @ step, rel=1e-9)
+
+@pytest.mark.parametrize("chance", [1.0, 0.6])
+@pytest.mark.parametrize("freedom", [math.inf, 8.0])
+def test_a_pose_taken_in(chance: float, freedom: float) -> None:
+    """What a fit has beside its prediction, as a measurement of each level: filters of Kalman, weighed by Bayes."""
+    rng = np.random.default_rng(1040)
+    each, apart, shares = random_levels(rng)
+    each, apart = 1e-7 * each, 3e-4 * apart  # of turns that go straight on
+    whole = together((each, apart, shares))
+    rows = rng.normal(size=(6 if math.isfinite(freedom) else 4, 6))  # of six directions
+    seen = 1e6 * rows.T @ rows
+    off, weight = 3e-3 * rng.normal(size=6), 1.0
+    for _ in range(200):
+        fitted = np.linalg.inv(seen + weight * np.linalg.inv(whole[:6, :6]))
+        step = fitted @ seen @ off
+        squared = step @ np.linalg.solve(whole[:6, :6], step)
+        weight = min(1.0, (freedom + 6.0) / (freedom + squared)) if math.isfinite(freedom) else 1.0
+    assert (weight < 1.0) == math.isfinite(freedom)
+    R, t, out = Rotation.random(random_state=1041).as_matrix(), rng.normal(size=3), empty_state()
+    change = np.empty((18, 6)), np.empty((18, 6))
+    fit = Rotation.from_rotvec(step[:3]).as_matrix() @ R, t + step[3:], fitted, 1.0
+    state = R, t, rng.normal(size=12), whole
+    take_pose((state, (each, apart, shares), 1.0), fit, (chance, freedom, 0.0), (*out, *change))
+    means, spreads, log = [], [], []
+    H, root = np.eye(6, 18), np.linalg.cholesky(seen + 1e-9 * np.eye(6)).T
+    for one, mean, share in zip(each, apart, shares, strict=True):
+        total = root @ H @ one @ H.T @ root.T + np.eye(6)
+        gain, residual = one @ H.T @ root.T @ np.linalg.inv(total), root @ (off - mean[:6])
+        means.append(mean + gain @ residual)
+        spreads.append(one - gain @ root @ H @ one)
+        log.append(
+            math.log(share) - 0.5 * residual @ np.linalg.solve(total, residual) - 0.5 * np.linalg.slogdet(total)[1]
+        )
+    part = np.exp(np.array(log) - max(log))
+    part = np.concatenate([(1.0 - chance) * shares, chance * part / part.sum()])
+    mean = part @ np.concatenate([apart, means])
+    spread = np.concatenate([each, spreads])
+    apart = np.concatenate([apart, means]) - mean
+    (R_now, t_now, motion, covariance), levels = out
+    np.testing.assert_allclose(Rotation.from_matrix(R_now @ R.T).as_rotvec(), mean[:3], atol=1e-5)
+    np.testing.assert_allclose(t_now - t, mean[3:6], atol=1e-5)
+    np.testing.assert_allclose(motion - state[2], mean[6:], atol=1e-5)
+    expected = together((spread, apart, part))
+    scale = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
+    np.testing.assert_allclose(covariance / scale, expected / scale, atol=2e-2)
+    np.testing.assert_allclose(together(levels), covariance, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(levels[2], part[:3] + part[3:], atol=2e-3)
+    assert abs(levels[2] - shares).max() > 0.05
 
 
 def test_a_pose_about_another_point() -> None:

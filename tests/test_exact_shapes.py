@@ -12,7 +12,7 @@ import rootmatch as rm
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import weigh_assignments
-from rootmatch.model.exact_shapes import _shape_log_odds, exact_shape_log_gains
+from rootmatch.model.exact_shapes import _shape_log_gains, exact_shape_log_gains
 from rootmatch.model.exact_symmetry import fit_exact_shape, leave_points_out
 from rootmatch.model.mode_search import find_modes
 from rootmatch.model.pose_density import Broad
@@ -133,7 +133,7 @@ def test_the_evidence_of_an_exact_shape_is_the_mean_over_such_shapes() -> None:
         place = model.centred(R[None], t[None])
         modes = find_modes(model, Proposals(np.arange(14)[None], *place))
         assignments = modes.assignments[:1]
-        told = _shape_log_odds(model, modes, (np.zeros(1, np.int64), assignments), shape)[0]
+        told = modes.log_odds[0] + _shape_log_gains(model, modes.take(slice(1)), shape)[0]
         values, axes = np.linalg.eigh(shape.covariance)
         draws = []
         for _ in range(600):

@@ -93,14 +93,14 @@ def followed(rate: float, seconds: float) -> MotionFilter:
 def test_a_flight_sampled_more_often_is_known_as_well() -> None:
     """The motion is a process in continuous time: only what is measured in a second counts."""
     each = [followed(rate, 0.5) for rate in (240.0, 960.0)]
-    sigma = np.array([np.sqrt(np.diag(one.predicted(0.5 + 1e-9).covariance)) / one.scale ** (1 / 6) for one in each])
+    sigma = np.array([np.sqrt(np.diag(one.predicted(0.5 + 1e-9).covariance)) / one.factor ** (1 / 6) for one in each])
     np.testing.assert_allclose(sigma[1], sigma[0], rtol=0.15)
 
 
 @pytest.mark.parametrize("rate", [60.0, 240.0, 1000.0])
 def test_the_size_of_accelerations_is_learnt_at_any_rate(rate: float) -> None:
     """Of a body that accelerates as the model has it; a frame that tells little changes little."""
-    assert 0.7 < followed(rate, 1.0).scale < 1.5
+    assert 0.5 < followed(rate, 1.0).factor < 2.0
 
 
 def test_a_body_that_is_found_again_at_a_frame_a_second_is_followed() -> None:

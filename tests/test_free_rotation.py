@@ -19,7 +19,7 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Prior
 from rootmatch.problems.pose_fit.reference_point import add_arc_curvature, pose_about_point
 from rootmatch.tracking.averaged_pose import average_pose
-from rootmatch.tracking.motion_filter import MotionFilter
+from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
 
 
 def free_about(axis: tuple[float, ...], arm: tuple[float, ...], sigma: float) -> np.ndarray:
@@ -114,7 +114,8 @@ def test_a_frame_that_tells_nothing_of_a_rotation_narrows_no_motion() -> None:
     before = free_about((0.0, 0.6, 0.8), (0.3, 0.1, 0.0), 0.5)
     source = np.random.default_rng(2).normal(size=(8, 3)) * 0.1
     source -= source.mean(axis=0)
-    moving = MotionFilter(source, Pose.unchecked(np.eye(3), np.array([0.0, 0.0, 2.0]), before), 0.0)
+    options = MotionOptions(min_scale=1.0, max_scale=1.0)
+    moving = MotionFilter(source, Pose.unchecked(np.eye(3), np.array([0.0, 0.0, 2.0]), before), 0.0, options)
     expected, P = moving.predicted(0.1), moving._at(0.1)[3]
     tilt = Rotation.from_rotvec([0.1, 0.0, 0.0]).as_matrix()
     whole = np.kron(np.eye(6), tilt)

@@ -129,6 +129,7 @@ def test_an_exact_row_is_not_matched_where_it_overlaps_most() -> None:
         match = rm.match(source, target, rm.Rigid(2), noise=(0.03, 0.03))
         right += is_right(match, truth)
         wrong += bool(match) and not is_right(match, truth)
+        assert is_right(match, truth) or seed not in (1, 5)  # which are right by displaced labellings alone
     assert right >= 3
     assert wrong <= 1
 

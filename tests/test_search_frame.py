@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rig_scenes import NOISE, VIEW, controllers, frame, headset
-from rootmatch.explain import image_bodies, image_hypotheses, rig_search
+from rootmatch.explain import image_hypotheses, rig_search
 from rootmatch.frozen import copy_with
 from rootmatch.model.modes import empty_modes
 from rootmatch.model.proposals import empty_proposals
@@ -25,39 +25,23 @@ def shown(points: np.ndarray, k: int, x: float, rng: np.random.Generator) -> np.
     return np.asarray(CAMERA.project(points @ R.T + [x, 0.0, 1.5])) + rng.normal(0.0, 0.3, (len(points), 2))
 
 
-def test_chance_has_no_twins_and_what_is_near_points_waits_for_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng, twins, told = np.random.default_rng(5), list[Any](), list[bool]()
+def test_chance_has_no_twins(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, twins = np.random.default_rng(5), list[Any]()
     points = rng.uniform(-0.2, 0.2, (2, 8, 3))
     tracker = rm.Tracker(points.reshape(-1, 3), rm.P3P(CAMERA), noise=0.3, bodies=np.repeat([0, 1], 8))
-    work, tell, also = (
-        image_hypotheses.Candidate.twins,
-        image_bodies.image_finding,
-        image_hypotheses.Candidate.add_assignments,
-    )
+    work = image_hypotheses.Candidate.twins
 
     def counted(self: Any, modes: Any) -> Any:
         twins.append(modes)
         return work(self, modes)
 
-    def telling(*given: Any, **more: Any) -> Any:
-        told.append(more["beside"])
-        return tell(*given, **more)
-
-    def named(self: Any, assignments: Any) -> Any:
-        told.append(True)  # the search is over
-        return also(self, assignments)
-
     for k in range(60):
         strays = rng.uniform(100.0, 800.0, (7, 2)) if k > 5 else shown(points[1], k, 0.7, rng)
         if k == 6:  # from here on the second body is not in view
             monkeypatch.setattr(image_hypotheses.Candidate, "twins", counted)
-            monkeypatch.setattr(image_bodies, "image_finding", telling)
-            monkeypatch.setattr(image_hypotheses.Candidate, "add_assignments", named)
-        told.clear()
         match = tracker.update(np.vstack([shown(points[0], k, 0.0, rng), strays]), time=k / 60.0)
         assert match.bodies is not None
         assert match.bodies[0].status is rm.Status.MATCHED
-        assert k <= 6 or True not in told[:2]
     assert all(one.log_mass[0] > 0.0 for one in twins)
 
 

@@ -54,6 +54,10 @@ def frame(k: int, hidden: bool = False, noise: float = 0.2) -> tuple[NDArray[np.
     return target[order], truth
 
 
+ONE_LEVEL = rm.MotionOptions(min_scale=1.0, max_scale=1.0)
+"""Of a body whose accelerations are as large at all times."""
+
+
 def tracker(**options: Any) -> rm.Tracker:
     return rm.Tracker(BODY, rm.P3P(CAMERA), noise=0.2, **options)
 
@@ -400,7 +404,7 @@ def test_the_filter_is_that_of_kalman() -> None:
     A predicted covariance has axes that may turn with the body, or stay.
     """
     R, t = pose(0.0)
-    one = MotionFilter(BODY, rm.Pose(R, t, 1e-4 * np.eye(6)), 0.0)
+    one = MotionFilter(BODY, rm.Pose(R, t, 1e-4 * np.eye(6)), 0.0, ONE_LEVEL)
     before_R, before_t, _, before_P = one._at(0.1)
     noise = 4e-4 * np.eye(6)
     H = np.eye(6, 18)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -79,7 +81,8 @@ def test_a_filter_goes_with_the_camera() -> None:
     """Its point of reference changes, and neither the pose nor how the points move."""
     lamps, rng = ceiling(np.random.default_rng(0)), np.random.default_rng(1)
     place = np.array([3.0, 2.5, -2.4])
-    filter_ = MotionFilter(lamps, rm.Pose(np.eye(3), -place, 1e-4 * np.eye(6)), 0.0, OPTIONS.motion)
+    options = replace(OPTIONS.motion, min_scale=1.0, max_scale=1.0)  # of one level: as given, a pose is taken in
+    filter_ = MotionFilter(lamps, rm.Pose(np.eye(3), -place, 1e-4 * np.eye(6)), 0.0, options)
     for k in range(1, 6):
         place += np.array([0.2, 0.1, 0.0])
         R = Rotation.from_rotvec(rng.normal(0.0, 0.05, 3)).as_matrix()

@@ -65,9 +65,9 @@ class _Continued:
     def __init__(self, model: PointSetModel, places: Places, taken: Bools | None) -> None:
         clouds, points = model.clouds, places.points[:, : model.clouds.source.shape[1]]
         self.body, self.beyond = model, places.beyond
-        self.others = _replace_source(clouds, points)
-        self.whole = replace(model, clouds=_join_sources(clouds, self.others))
-        self.outside = replace(model, clouds=_replace_source(clouds, points[places.beyond]))
+        self.others = _with_places(clouds, points)
+        self.whole = replace(model, clouds=_with_places(clouds, points, beside=True))
+        self.outside = replace(model, clouds=_with_places(clouds, points[places.beyond]))
         self.free = np.ones(len(clouds.target), np.bool_) if taken is None else ~taken
 
     def odds(self, assignment: Integers) -> tuple[float, float] | None:
@@ -110,21 +110,13 @@ def _log_shown_chance(model: PointSetModel, fit: PointSetFit) -> float:
     return float(shown[0] + np.logaddexp.reduce(model.log_factors(fit), axis=0)[0])
 
 
-def _replace_source(clouds: PointClouds, points: Floats) -> PointClouds:
-    """The same targets with other source points (m, k), as uncertain as the source's."""
-    known, m = clouds.source_covariance, len(points)
-    return clouds._replace(
-        source=points,
-        source_variance=np.full(m, clouds.source_variance.mean()),
-        source_covariance=None if known is None else np.tile(known.mean(axis=0), (m, 1, 1)),
-    )
-
-
-def _join_sources(clouds: PointClouds, others: PointClouds) -> PointClouds:
-    """The points of both sources, before the same targets."""
-    first, second = clouds.source_covariance, others.source_covariance
-    return clouds._replace(
-        source=np.concatenate([clouds.source, others.source]),
-        source_variance=np.concatenate([clouds.source_variance, others.source_variance]),
-        source_covariance=None if first is None or second is None else np.concatenate([first, second]),
-    )
+def _with_places(clouds: PointClouds, places: Floats, *, beside: bool = False) -> PointClouds:
+    """The same targets with source points in places (m, k), as uncertain as the source's; ``beside`` its own or not."""
+    known, m = clouds.source_covariance, len(places)
+    variance = np.full(m, clouds.source_variance.mean())
+    spread = None if known is None else np.tile(known.mean(axis=0), (m, 1, 1))
+    if beside:
+        places = np.concatenate([clouds.source, places])
+        variance = np.concatenate([clouds.source_variance, variance])
+        spread = None if known is None or spread is None else np.concatenate([known, spread])
+    return clouds._replace(source=places, source_variance=variance, source_covariance=spread)

@@ -2,10 +2,9 @@
 
 A point that has no detection is hidden or dark, and what lies near its place is clutter by chance. Or it is somewhere
 else on the body by N(0, τ² I), with τ of the sizes of `rootmatch.model.image_alike.ERRORS`, and is seen there by every
-camera: of a body that is not as it was given, one point is, and each is as probable. The advice names what is more
-probable than the other.
-
-Between two point sets both are labellings, and their odds are those of the model with that point less certain.
+camera: of a body that is not as it was given, one point is, and each is as probable. Both have the evidence of the
+model, with that point less certain. The advice names what is more probable than the other, and than the point in its
+place.
 """
 
 from __future__ import annotations
@@ -16,19 +15,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.explain.decide import TRUST, Status
+from rootmatch.arrays import Bools, Integers
+from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.point_set_decision import make_point_set_model
 from rootmatch.model.copy_or_alike import LOG_OFF
-from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
-from rootmatch.model.image_alike import ERRORS, REACH
-from rootmatch.model.linearised import Linearised
+from rootmatch.model.evidence import settle_poses
+from rootmatch.model.image_alike import ERRORS, REACH, perturb_points
 from rootmatch.model.prediction import HIDDEN
 from rootmatch.problems.pose_fit.reference_point import body_radius
-
-MINIMUM = 0.0
-"""Log-odds from which a point is said to be somewhere else: where that is more probable than not."""
 
 
 class Displaced(NamedTuple):
@@ -44,102 +39,66 @@ class Displaced(NamedTuple):
 
 def find_displaced_points(found: Finding, taken: Bools | None) -> list[Displaced]:
     """Points of a trusted body that are probably somewhere else; ``taken``: (n',) detections of other bodies."""
-    model, told, problem = found.model, found.posterior, found.task.problem
-    if found.status is Status.MATCHED and found.labellings is not None:
-        return _find_displaced_in_set(found, taken)
-    if found.status is not Status.MATCHED or model is None or told is None or not problem.takes_prior:
+    if found.status is not Status.MATCHED:
         return []
-    modes, k = told.modes, found.mode
-    at = model.linearise_about(modes.rotation[k : k + 1], modes.position[k : k + 1])
-    if found.point_error or at.blob is not None or not np.isfinite(modes.covariance[k]).all():
-        return []
-    free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
-    free[found.assignment[found.assignment >= 0]] = False
-    lit = USUAL_RATE * np.where(at.seen[0], modes.visible[k], 0.0)
-    rows = np.arange(len(lit)).reshape(max(len(model.images), 1), -1)
-    candidates = (rows[:, one] for one in np.flatnonzero((found.assignment[rows] < 0).all(axis=0)))
-    every = [_judge_displacement(model, _Place(at, modes.covariance[k], lit), own, free) for own in candidates]
-    return [one for one in every if one is not None]
-
-
-def _find_displaced_in_set(found: Finding, taken: Bools | None) -> list[Displaced]:
-    """The same between two point sets: the nearest target that is left is a point's own, if that is off."""
-    from scipy.stats import chi2  # slow to import
-
-    model, assignment, out = make_point_set_model(found.task), found.assignment, list[Displaced]()
     left = np.ones(found.task.shape[1], np.bool_) if taken is None else ~taken
-    left[assignment[assignment >= 0]] = False
-    if model is None or not left.any():
-        return []
-    one, n = model.judge_one(assignment), len(assignment)
-    errors = ERRORS * body_radius(model.clouds.source)
-    away = np.where(left, np.linalg.norm(one.fit.places[0][0][:, None] - model.clouds.target, axis=2), np.inf)
-    nearest, squared = away.argmin(axis=1), one.fit.predictions(0)[0][np.arange(n), away.argmin(axis=1)]
-    near = away.min(axis=1) < REACH * float(one.fit.scale[0]) * errors[-1]
-    apart = squared > float(chi2.isf(TRUST.noise_chance, model.clouds.target.shape[1]))
-    for point in np.flatnonzero((assignment < 0) & near & apart):
-        own = np.where(np.arange(n) == point, nearest, assignment)
-        clouds = [model.clouds.off_by(np.where(np.arange(n) == point, error, 0.0)) for error in errors]
-        odds = [float(replace(model, clouds=one_off).judge(own[None]).log_odds[0]) for one_off in clouds]
-        if LOG_OFF - math.log(n) + float(np.logaddexp.reduce(odds)) - float(one.log_odds[0]) >= MINIMUM:
-            out.append(Displaced(int(point), nearest[point : point + 1], float(away[point].min())))
+    left[found.assignment[found.assignment >= 0]] = False
+    in_set = found.labellings is not None
+    return _find_displaced_in_set(found, left) if in_set else _find_displaced_in_image(found, left)
+
+
+def _find_displaced_in_image(found: Finding, left: Bools) -> list[Displaced]:
+    """The same of images: in each the nearest detection that is left (n',) is a point's own, if that is off."""
+    model, told, own, out = found.model, found.posterior, found.assignment, list[Displaced]()
+    if model is None or told is None or not found.task.problem.takes_prior or found.point_error or model.resolution:
+        return out
+    place = slice(found.mode, found.mode + 1)
+    pose = told.modes.rotation[place], told.modes.position[place]
+    at, errors, images = model.linearise_about(*pose), ERRORS * model.radius, max(len(model.images), 1)
+    rows = np.arange(model.shape[0]).reshape(images, -1)
+    reach = REACH * errors[-1] * np.linalg.norm(at.by_position[0], axis=(1, 2))
+    away = np.linalg.norm(model.target - at.pixels[0][:, None], axis=2)
+    may = left & (np.repeat(np.arange(images), rows.shape[1])[:, None] == model.image_indices)
+    may &= (away < reach[:, None]) & (told.modes.visible[found.mode] > HIDDEN)[:, None]
+    away = np.where(may, away, np.inf)
+    nearest = np.where(np.isfinite(away.min(axis=1, initial=np.inf)), away.argmin(axis=1), -1)
+    missing = (own[rows] < 0).all(axis=0) & (nearest[rows] >= 0).any(axis=0)
+    for point in np.flatnonzero(missing).tolist():
+        off = np.tile(np.arange(rows.shape[1]) == point, images)
+        each = np.array([own, *[np.where(off, nearest, own)] * (1 + len(errors))])
+        wide = [model, model, *(perturb_points(model, error, off) for error in errors)]
+        odds = [float(settle_poses(m, one[None], *pose)[0].log_odds[0]) for m, one in zip(wide, each, strict=True)]
+        if _is_displaced(odds, rows.shape[1]):
+            seen = rows[:, point][nearest[rows[:, point]] >= 0]
+            out.append(Displaced(point, nearest[seen], float(away[seen, nearest[seen]].max())))
     return out
 
 
-class _Place(NamedTuple):
-    """Where a pose with its covariance (6, 6) has the points, and the chance (n,) that each is detected there."""
-
-    at: Linearised
-    covariance: Floats
-    lit: Floats
-
-    def off(self, model: DetectionModel, rows: Integers, detections: Integers) -> tuple[Floats, Floats, Floats]:
-        """Deviations (2 m,) of m detections, their covariance by noise and pose, and Jacobian (2 m, 3) by the point."""
-        jacobian = self.at.jacobian[0, rows].reshape(-1, 6)
-        by_pose = jacobian @ self.covariance @ jacobian.T
-        if model.source_covariance is not None:
-            known = self.at.jacobian[0, rows][..., 3:] @ self.at.rotation[0]
-            own = known @ model.source_covariance[rows] @ known.swapaxes(1, 2)
-        else:
-            own = np.zeros((len(rows), 2, 2))
-        if model.target_covariance is None:
-            own = own + model.sigma[detections, None, None] ** 2 * np.eye(2)
-        else:
-            own = own + model.target_covariance[detections]
-        for k, block in enumerate(own):
-            by_pose[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] += block
-        return (model.target[detections] - self.at.pixels[0, rows]).ravel(), by_pose, jacobian[:, 3:]
+def _find_displaced_in_set(found: Finding, left: Bools) -> list[Displaced]:
+    """The same between two point sets, where ``left`` (n',) are targets."""
+    model, assignment, out = make_point_set_model(found.task), found.assignment, list[Displaced]()
+    if model is None or not left.any():
+        return out
+    one, n = model.judge_one(assignment), len(assignment)
+    errors = ERRORS * body_radius(model.clouds.source)
+    away = np.where(left, np.linalg.norm(one.fit.places[0][0][:, None] - model.clouds.target, axis=2), np.inf)
+    nearest, near = away.argmin(axis=1), away.min(axis=1) < REACH * float(one.fit.scale[0]) * errors[-1]
+    for point in np.flatnonzero((assignment < 0) & near).tolist():
+        off = np.arange(n) == point
+        clouds = [model.clouds.off_by(np.where(off, error, 0.0)) for error in (0.0, *errors.tolist())]
+        own = np.where(off, nearest, assignment)[None]
+        odds = [float(replace(model, clouds=one_off).judge(own).log_odds[0]) for one_off in clouds]
+        if _is_displaced([float(one.log_odds[0]), *odds], n):
+            out.append(Displaced(point, nearest[point : point + 1], float(away[point].min())))
+    return out
 
 
-def _judge_displacement(model: DetectionModel, place: _Place, rows: Integers, free: Bools) -> Displaced | None:
-    """The point that has these rows, one in each camera, if it is probably somewhere else."""
-    from scipy.stats import chi2  # slow to import
+def _is_displaced(odds: list[float], n: int) -> bool:
+    """Whether one of n points is more probably somewhere else than hidden, or in its place with what is near it.
 
-    errors, shown = ERRORS * body_radius(model.points), rows[place.lit[rows] > USUAL_RATE * HIDDEN]
-    nearest = []
-    for image, row in enumerate(rows):
-        (own,) = np.nonzero(free & (model.image_indices == image))
-        if row in shown and len(own):
-            squares = ((model.target[own] - place.at.pixels[0, row]) ** 2).sum(axis=1)
-            nearest.append((row, own[np.argmin(squares)]))
-    if not nearest:
-        return None
-    seen, detections = np.array(nearest).T
-    off, narrow, by_point = place.off(model, seen, detections)
-    if float(off @ np.linalg.solve(narrow, off)) < float(chi2.isf(TRUST.noise_chance, len(off))):
-        return None  # it is where the model has it, and was left out for another reason
-    wide = narrow + errors[:, None, None] ** 2 * (by_point @ by_point.T)
-    squared = np.einsum("i,kij,j->k", off, np.linalg.inv(wide), off)
-    fits = -0.5 * (squared + np.linalg.slogdet(2.0 * np.pi * wide)[1])
-    log_odds = LOG_OFF - math.log(model.shape[0] // max(len(model.images), 1)) + float(np.logaddexp.reduce(fits))
-    log_odds -= math.log1p(-USUAL_RATE)  # what is dark is so in all cameras
-    count = np.bincount(model.image_indices[free])[model.image_indices[detections]]
-    log_odds -= float(np.log(count - 0.5).sum())  # any clutter point may be the one that is near
-    missed = np.setdiff1d(shown, seen)
-    log_odds += float(np.log(place.lit[seen]).sum() + np.log1p(-place.lit[missed]).sum())
-    log_odds -= float(model.clutter.log_density[detections].sum())
-    largest = float(np.hypot(*off.reshape(-1, 2).T).max())
-    return Displaced(int(rows[0]), detections, largest) if log_odds >= MINIMUM else None
+    ``odds``: log-odds of the body without the point, with it in its place, and off by each of `ERRORS`.
+    """
+    return LOG_OFF - math.log(n) + float(np.logaddexp.reduce(odds[2:])) >= max(odds[:2])
 
 
 def point_advice(found: Finding, whole: Finding | None) -> str:

@@ -35,7 +35,7 @@ from rootmatch.explain.body_findings import join_findings
 from rootmatch.explain.body_labels import twin_points
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding, make_empty_finding
-from rootmatch.explain.image_decision import image_finding, is_alike_possible
+from rootmatch.explain.image_decision import image_finding
 from rootmatch.explain.image_hypotheses import (
     LIKELY,
     NAMED,
@@ -90,9 +90,8 @@ class _Body(SearchedBody):
     predicted: Proposals | None = None
     enough: bool = False
     """Whether its prediction explains so much that no search is needed."""
-    answer: tuple[tuple[Any, ...], Finding, Bools | None] | None = None
-    """What was last told of it, after what that follows from; and the detections of others if what is near its points
-    does not count in it yet."""
+    answer: tuple[tuple[Any, ...], Finding] | None = None
+    """What was last told of it, after what that follows from."""
 
     @property
     def pose(self) -> float:
@@ -157,19 +156,12 @@ class _Body(SearchedBody):
         if self.predicted is not None:
             self.candidate = self.candidate.with_assignments([], self.predicted)
 
-    @property
-    def is_neighbourhood_settled(self) -> bool:
-        """Whether what is near its points makes no difference to what was last told of it, or counts already."""
-        return self.answer is None or self.answer[2] is None or not is_alike_possible(*self.answer[1:])
-
-    def tell(self, taken: Bools, of_others: Bools, beside: bool) -> Finding:
+    def tell(self, taken: Bools, of_others: Bools) -> Finding:
         """What is told of it, see `image_finding`; worked out anew if it may be something else than the last time."""
         given = self.found, self.told, taken.tobytes(), of_others.tobytes()
-        if self.answer is None or self.answer[0] != given or (beside and not self.is_neighbourhood_settled):
-            found = image_finding(
-                self.found, self.told, self.candidate, taken=taken, of_others=of_others, beside=beside
-            )
-            self.answer = given, found, None if beside else of_others
+        if self.answer is None or self.answer[0] != given:
+            found = image_finding(self.found, self.told, self.candidate, taken=taken, of_others=of_others)
+            self.answer = given, found
         return self.answer[1]
 
 
@@ -211,10 +203,9 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
                 if _try_in_places_of_others(bodies, tried):
                     search_rounds(task, bodies, _Body.is_worth_searching, search)
         else:
-            # what is near its points takes longer to weigh than all else, and a search changes it
-            predicted = _finding(task, bodies, beside=False)
+            predicted = _finding(task, bodies)
             if (part := choice(predicted)) is None:
-                return predicted if all(body.is_neighbourhood_settled for body in bodies) else _finding(task, bodies)
+                return predicted
             body = bodies[part.body]
             body.free = _detections_to_search(part, bodies)
             before, budget, of_part = body.candidate, search_budgets(task)[0], part.of(task)
@@ -266,16 +257,13 @@ def _try_in_places_of_others(bodies: list[_Body], tried: set[tuple[int, bytes]])
     return new
 
 
-def _finding(task: MatchingTask, bodies: list[_Body], beside: bool = True) -> Finding:
-    """The finding of all bodies by what is proposed so far, each without the detections of those more certain.
-
-    Unless ``beside``, without what is near their points: see `image_finding`.
-    """
+def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
+    """The finding of all bodies by what is proposed so far, each without the detections of those more certain."""
     taken = np.zeros(task.shape[1], np.bool_)
     found, each = dict[int, Finding](), {one.number: one.told.used(task.shape[1]) for one in bodies}
     used = np.sum([*each.values()], axis=0)
     for body in sorted(bodies, key=lambda one: -one.pose):
-        one = body.tell(taken, used - each[body.number] >= SURE, beside)
+        one = body.tell(taken, used - each[body.number] >= SURE)
         taken[one.assignment[one.assignment >= 0]] = True
         unseen = why_unsearched(body.task) if body.among < 0 else one.reason
         reason = None if len(body.told.probabilities) else unseen

@@ -111,7 +111,7 @@ def image_finding(
         Detections of other bodies: the result is a mode without any of them, or nothing. Those that are explained by
         others, whether or not these are more certain.
     beside : bool
-        Whether what is near points without a match counts, see `is_alike_possible`.
+        Whether what is near points without a match counts.
     """
     shape = base.task.points.source, base.task.points.normals
     last, before, asked = final_deadline(), told, False
@@ -215,19 +215,6 @@ def image_finding(
     if holds and isinstance(prior, Doubted) and prior.placed is not None:
         fault = fault._replace(another=-math.inf)  # frames tell that together
     return discount_misfit(found, fault, len(model.images) > 1)
-
-
-def is_alike_possible(found: Finding, of_others: NDArray[np.bool_] | None) -> bool:
-    """Whether something near the points without a match may say that a finding is of something alike."""
-    told, model = found.posterior, found.model
-    if told is None or model is None or found.noise_factor is None or not told.shown >= LIKELY:
-        return False
-    k = found.mode
-    with final_deadline().within():
-        if alike_log_odds(model, told.modes, k, of_others) is not None:
-            return True
-        return something_else_log_odds(model, told, k, of_others) > -math.inf
-    return True
 
 
 def something_else_log_odds(

@@ -16,9 +16,8 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import weigh_assignments
 from rootmatch.model.exact_symmetry import ExactShape, fit_exact_shape, leave_points_out, log_prior_of_outliers
 from rootmatch.model.modes import Modes
-from rootmatch.model.near_symmetries import find_symmetries, neighbour_tolerance
+from rootmatch.model.near_symmetries import find_symmetries
 from rootmatch.model.reweighed import reweigh_evidence
-from rootmatch.samplers.point_sets.motions import fit_motions
 
 DRAWN = 0.01
 """Mean square deviation, in units of the noise, below which points were drawn so rather than measured: labellings are
@@ -53,64 +52,9 @@ def exact_shape_log_gains(model: DetectionModel, modes: Modes, copies: Copies = 
 
 
 def _shape_log_gains(model: DetectionModel, modes: Modes, shape: ExactShape) -> Floats:
-    """Logarithm (M,) of the evidence of modes with points of an exact shape, over that with those measured.
-
-    With matches that fit that shape alone, and with what other turns of all points onto themselves match: any turn may.
-    """
-    of, every = np.arange(len(modes.log_odds)), modes.assignments
-    adding = [_additions(one, near[0]) for one, near in zip(every, modes.near, strict=True)]
-    of = np.concatenate([of, np.repeat(of, [len(one) for one in adding])])
-    values = _shape_log_odds(model, modes, (of, np.concatenate([every, *adding])), shape)
-    out = values[: len(every)].copy()
-    np.maximum.at(out, of, values)
-    more, together = np.concatenate([every[:0], *adding]), every.copy()
-    for k, one, value in zip(of[len(every) :], more, values[len(every) :], strict=True):
-        new = np.setdiff1d(one, together[k])
-        if value > values[k] and len(new) == 1:
-            together[k] = np.where(one == new[0], new[0], together[k])
-    (several,) = np.nonzero((together >= 0).sum(axis=1) > (every >= 0).sum(axis=1) + 1)
-    if len(several):
-        at_once = _shape_log_odds(model, modes, (several, together[several]), shape)
-        out[several] = np.maximum(out[several], at_once)
-    of_turns = _group_by_turn(model, modes, shape)
-    best = np.full(len(out), -np.inf)
-    np.maximum.at(best, of_turns, out)
-    return np.asarray(best[of_turns] - modes.log_odds)
-
-
-def _group_by_turn(model: DetectionModel, modes: Modes, shape: ExactShape) -> Integers:
-    """The first (M,) of the modes that puts all points of an exact shape where each mode puts others of them."""
-    points = model.centred_body[0][: len(shape.moved)] + shape.moved
-    placed = points @ modes.rotation.swapaxes(1, 2) + modes.position[:, None]
-    reach = neighbour_tolerance(points)
-    assert model.source_covariance is not None
-    variance, out = np.trace(model.source_covariance, axis1=1, axis2=2).min(), np.arange(len(placed))
-    for k in range(1, len(placed)):
-        for first in np.unique(out[:k]).tolist():
-            off = np.linalg.norm(placed[k][:, None] - placed[first], axis=2)
-            to = off.argmin(axis=1)
-            if (off.min(axis=1) >= reach).any() or len(np.unique(to)) < len(points):
-                continue
-            turn = fit_motions(points[None], points[None, to], scaled=False, mirror=False)
-            left = points @ turn.linear[0].T + turn.shift[0] - points[to]
-            if (left**2).sum(axis=1).max() < DRAWN * variance:  # rather than displaced, as a landmark
-                out[k] = first
-                break
-    return out
-
-
-def _additions(assignment: Integers, changed: Integers) -> Integers:
-    """Those of some changes (C, n) of an assignment (n,) that add a match and leave the others."""
-    left = (changed == assignment) | (assignment < 0)
-    return np.asarray(changed[left.all(axis=1) & ((changed >= 0).sum(axis=1) > (assignment >= 0).sum())])
-
-
-def _shape_log_odds(
-    model: DetectionModel, modes: Modes, hypotheses: tuple[Integers, Integers], shape: ExactShape
-) -> Floats:
-    """Log-odds (K,) of assignments (K, n) about the poses of some modes (K,), with points of an exact shape."""
-    of, assignments = hypotheses
-    n, at = len(shape.moved), model.linearise_about(modes.rotation[of], modes.position[of])
+    """Logarithm (M,) of the evidence of modes with points of an exact shape, over that with those measured."""
+    assignments = modes.assignments
+    n, at = len(shape.moved), model.linearise_about(modes.rotation, modes.position)
     found = weigh_assignments(model, assignments, at)
     by_point = at.by_position @ at.rotation[:, None]
     own = model.assigned_covariances(at, np.maximum(assignments, 0))
@@ -133,7 +77,7 @@ def _shape_log_odds(
         out[k] += reweigh_evidence(
             found.take(slice(k, k + 1)), known, spread, offset - rows @ shape.moved.ravel()
         ).gained
-    return out
+    return np.asarray(out - modes.log_odds)
 
 
 def _candidate_shapes(model: DetectionModel, copies: Copies) -> tuple[ExactShape, ...]:

@@ -15,28 +15,18 @@ by 20 (benchmarks/flights.py, rig, seed 1105).
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import (
-    arc_motion,
-    cross_matrix,
-    move_along_arc,
-    one_rotation_matrix,
-    rotation_from_vector,
-    rotation_vector,
-)
-from rootmatch.arrays import Floats
+from rootmatch.algebra.rotation import one_rotation_matrix
+from rootmatch.arrays import Floats, Integers
+from rootmatch.frozen import amend
 from rootmatch.model.compiled.averaging import average_weak_directions
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.errors_in_common import errors_in_common
-from rootmatch.model.evidence import squared_deviations, weigh_assignments
 from rootmatch.model.modes import Modes
-from rootmatch.model.pose_density import PoseDensity, Terms
-from rootmatch.model.priors import WRONG_MODEL, log_chance
+from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.shared_errors import SharedPose
 
@@ -58,12 +48,10 @@ def average_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
     # no eigenvalue is larger than the sum of all
     if a + b + c + sum(of_place) / max(float(position @ position), 1e-300) >= WEAK**2:
         about = np.array(R[None], float), np.array(position[None], float), np.array(covariance, float)
-        prior = model.prior.for_kernels
-        if model.exact_scene_for_kernels is None or prior is None:
-            R, position, covariance = _average(model, modes.assignments[k], about)
-        else:
-            row = np.array(modes.assignments[k][None], np.int64)
-            average_weak_directions(row, WEAK, PLACES, model.exact_scene_for_kernels, prior, MINIMUM, about)
+        scene = _scene_of_scalar_noise(model, modes.assignments[k], about[:2])
+        prior, row = model.prior.for_kernels, np.array(modes.assignments[k][None], np.int64)
+        if scene is not None and prior is not None:
+            average_weak_directions(row, WEAK, PLACES, scene, prior, MINIMUM, about)
             R, position, covariance = about[0][0], about[1][0], about[2]
     pose = model.pose_of_origin(R, position, 0.5 * (covariance + covariance.T))
     shared = errors_in_common(model, modes.assignments[k], pose)
@@ -84,96 +72,22 @@ def _average_over_changes(modes: Modes, k: int) -> tuple[Floats, Floats, Floats]
     return one_rotation_matrix(mean[:3]) @ R, position + mean[3:], covariance + spread
 
 
-def _average(
-    model: DetectionModel, assignment: NDArray[np.int64], about: tuple[Floats, Floats, Floats]
-) -> tuple[Floats, Floats, Floats]:
-    """Rotation (3, 3), position (3,) and covariance (6, 6) of an average, from those of a fit, (1, …) but the last."""
-    (R,), (position,), covariance = about
-    known, mean = _About.of(model.prior, R, position), np.zeros(6)
-    lines = _weak_directions(covariance, max(math.sqrt(position @ position), 1e-300))
-    model = replace(model, prior=known)
-    for line in lines.T:
-        moments = _project_along(model, assignment, known, mean + PLACES[:, None] * line, lines=lines)
-        if moments is not None:
-            mean, spread = moments
-            covariance = covariance - np.outer(line, line) + spread + MINIMUM * np.outer(line, line)
-    moved = move_along_arc(mean[:3], mean[3:])
-    change = _refer_to(moved[None])[0]
-    return one_rotation_matrix(mean[:3]) @ R, position + moved, change @ covariance @ change.T
+def _scene_of_scalar_noise(model: DetectionModel, assignment: Integers, pose: tuple[Floats, Floats]) -> Any:
+    """What the kernel takes, with one σ for each match: of its detection, point and blob about a pose, on both axes.
 
-
-@dataclass(frozen=True, eq=False)
-class _About(PoseDensity):
-    """What is known of a pose beside the detections, as it is about one pose, at others along arcs from there.
-
-    What a frame leaves open is no more or less known on an arc than on its tangent: so is a rotation about a line of
-    points. So it is about the fit that a prior is of second order, along motions of the body at constant rates.
+    ``pose``: (1, 3, 3) and (1, 3). None where cameras share the error of a point, which no σ of each tells, and where a
+    caller's own camera has no kernels.
     """
-
-    rotation: Floats
-    position: Floats
-    precision: Floats
-    slope: Floats
-
-    @classmethod
-    def of(cls, prior: PoseDensity, rotation: Floats, position: Floats) -> _About:
-        """That of a prior about a pose (3, 3) and (3,)."""
-        terms = prior.terms(rotation[None], position[None])
-        return cls(rotation, position, terms.precision[0], terms.slope[0])
-
-    def components(self, rotation: Floats, position: Floats) -> Terms:
-        """See `PoseDensity.components`."""
-        vectors, moved = rotation_vector(rotation @ self.rotation.T), position - self.position
-        off, change = np.concatenate([vectors, arc_motion(vectors, moved)], axis=1), _refer_to(-moved)
-        precision = change.swapaxes(1, 2) @ self.precision @ change
-        slope = ((self.slope - off @ self.precision)[:, None] @ change)[:, 0]
-        zero = np.zeros((len(off), 1))
-        return Terms(precision[:, None], slope[:, None], zero, zero)
-
-
-def _refer_to(arms: Floats) -> Floats:
-    """Matrices (K, 6, 6) of motions of a point to those of another, (K, 3) from it."""
-    out = np.tile(np.eye(6), (len(arms), 1, 1))
-    out[:, 3:, :3] = -cross_matrix(arms)
-    return out
-
-
-def _weak_directions(covariance: Floats, distance: float) -> Floats:
-    """Directions (6, w) in which a covariance is large, as long as its standard deviation there, the largest first."""
-    unit = np.repeat([1.0, distance], 3)
-    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    weak = (values >= WEAK**2).nonzero()[0][::-1]
-    return np.asarray(np.sqrt(values[weak]) * unit[:, None] * vectors[:, weak])
-
-
-def _project_along(
-    model: DetectionModel, assignment: NDArray[np.int64], known: _About, off: Floats, *, lines: Floats
-) -> tuple[Floats, Floats] | None:
-    """Mean (6,) and covariance (6, 6) of motions from a pose, by the posterior at some places (K, 6) on a line.
-
-    ``lines`` (6, w): all weak directions.
-    """
-    moved = move_along_arc(off[:, :3], off[:, 3:])
-    rotation, places = rotation_from_vector(off[:, :3]) @ known.rotation, known.position + moved
-    assignments = np.repeat(assignment[None], len(off), axis=0)
-    found = weigh_assignments(model, assignments, model.linearise_about(rotation, places))
-    # to the valley, but along none of its weak directions
-    unit = np.repeat([1.0, known.position @ known.position], 3)
-    duals = _refer_to(-moved).swapaxes(1, 2) @ (lines / unit[:, None])
-    push = found.covariance @ duals
-    along = np.linalg.solve(duals.swapaxes(1, 2) @ push, (found.step[:, None] @ duals).swapaxes(1, 2))
-    across = found.step - (push @ along)[..., 0]
-    rotation, places = rotation_from_vector(across[:, :3]) @ rotation, places + across[:, 3:]
-    off = off + (_refer_to(-moved) @ across[..., None])[..., 0]
-    at = model.linearise_about(rotation, places)
-    value = -0.5 * squared_deviations(model, assignments, at) + off @ known.slope
-    value -= 0.5 * ((off @ known.precision) * off).sum(axis=1)
-    seen = model.visibility(at, np.zeros(len(off)))
-    value += np.where(assignments >= 0, log_chance(seen), 0.0).sum(axis=1)
-    value = np.where(np.isfinite(value), value, -np.inf)
-    if not np.isfinite(value.max()):
-        return None
-    weight = np.exp(value - value.max())
-    weight /= weight.sum()
-    mean = weight @ off
-    return mean, (weight[:, None] * (off - mean)).T @ (off - mean)
+    if not model.has_covariances and not model.resolution:
+        return model.scene_for_kernels
+    at, (used,) = model.linearise_about(*pose), (assignment >= 0).nonzero()
+    spread = model.assigned_covariances(at, np.maximum(assignment, 0)[None])[0, used]
+    if model.source_covariance is not None:
+        if ((assignment >= 0).reshape(max(len(model.images), 1), -1).sum(axis=0) > 1).any():
+            return None
+        by_point = (at.by_position @ at.rotation[:, None])[0, used]
+        spread = spread + by_point @ model.source_covariance[used] @ by_point.swapaxes(1, 2)
+    sigma = np.array(model.sigma, float)
+    sigma[assignment[used]] = np.sqrt(0.5 * np.trace(spread, axis1=1, axis2=2))
+    alone = {"sigma": sigma, "source_covariance": None, "target_covariance": None, "resolution": 0.0}
+    return amend(model, "image_for_kernels", "scene_for_kernels", **alone).scene_for_kernels

@@ -25,6 +25,7 @@ from rootmatch.frozen import copy_with
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.priors import IN_VIEW, PRESENT_ODDS, WRONG_MODEL, log_chance
+from rootmatch.model.widened_prediction import FREEDOM
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import average_pose
@@ -314,7 +315,7 @@ class Belief:
         else:
             last = self.poses[step.origin]
             moving = last.filter.copy()
-            moving.update(pose, time, step.chance)
+            moving.update(pose, time, step.chance, tails=(FREEDOM, 0.0))
         misfit = Misfit.of_finding(found) if step.mode == found.mode else None
         misfit = misfit or mode_misfit(model, modes, step.mode)
         stands = found.status is Status.MATCHED or math.isfinite(step.weighed)

@@ -17,6 +17,7 @@ from rootmatch.explain.point_set_decision import matches_pose
 from rootmatch.frozen import copy_with
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
+from rootmatch.model.widened_prediction import FREEDOM
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, log_other_presence, update_identity
 from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
 
@@ -246,7 +247,7 @@ def update_motion(
     if holds and found.pose is not None:
         (best,) = [*(one for one in followed if one.filter.is_near(found.pose, time)), *followed][:1]
         if matched:
-            best.filter.update(found.pose, time)
+            best.filter.update(found.pose, time, tails=(FREEDOM, 1.0))
         return [copy_with(best, log_other=_log_other(best.log_other, found, weight))]
     is_another = not matched and found.another >= GIVEN_UP and (found.log_odds or 0.0) > 0.0
     pose = matches_pose(found) if matched or is_another else None

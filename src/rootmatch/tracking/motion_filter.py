@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
 from rootmatch.arrays import Floats, cache_by_identity
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import body_radius, pose_about_point
-from rootmatch.problems.pose_fit.shared_errors import SharedErrors, SharedPose, remaining_prediction_error
+from rootmatch.problems.pose_fit.shared_errors import SharedErrors, SharedPose
 from rootmatch.tracking.in_plane import motion_in_space, points_in_space, pose_in_plane, pose_in_space
 from rootmatch.tracking.motion_kernels import move_ahead, take_pose
 
 State = tuple[Floats, Floats, Floats, Floats]
 """Rotation, position of the centre, velocity with acceleration (12,), and the covariance (p + 12, p + 12) of all, with
 the p rows of a pose's covariance first."""
+Levels = tuple[Floats, Floats, Floats]
+"""Of each level of accelerations the covariance (J, p + 12, p + 12), the mean (J, p + 12) from that of all, and the
+share (J,)."""
+Forecast = tuple[State, Levels, SharedErrors | None]
 
 
 @dataclass(frozen=True)
@@ -38,15 +42,13 @@ class MotionOptions(Options):
         Seconds for which an acceleration lasts: its correlation time (Singer 1970). With independent ones in each
         frame, predictions from few points were too certain: one of 16 flights followed a wrong pose for 24 frames
         (benchmarks/tracking.py, seeds from 1000 and 1010), with 0.1 none did. Other values were not tried.
-    memory : float
-        Degrees of freedom over which the estimate of how large the accelerations are is replaced: a frame counts for as
-        many as its detections remove from the prediction's covariance, five at 60 Hz and one at 1000. A round value.
     min_scale, max_scale : float
-        Bounds of that size, relative to the stated one, however good the predictions: a real acceleration lasts for
-        many frames, and white noise that adds up as fast is larger. With a least of 0.1, two of 36 flights drifted away
-        from poses that few points showed, one with seven frames in a row matched and wrong (benchmarks/tracking.py,
-        seeds from 1000, 2000 and 3000). The largest is a round value, which
-        `Match.advice` tells where it is reached.
+        Least and largest level of the accelerations, relative to the stated one, which is their root mean square over
+        all times; they change level as often as they change. With a least of 0.1, two of 36 flights drifted away from
+        poses that few points showed, one with seven frames in a row matched and wrong (benchmarks/tracking.py, seeds
+        from 1000, 2000 and 3000). With a largest of 10 one of eight
+        cameras that shake by .7° in each frame lost the body, with 5 and 7 none; `Match.advice` says where half of it
+        is reached.
     scale_drift : float
         Of `Similarity`: standard deviation of what the logarithm of the scale changes by in a second, a random walk.
         The unit of a measurement, or the size of a model, is constant; a round value that allows for .6 % in an hour.
@@ -57,17 +59,30 @@ class MotionOptions(Options):
     angular_velocity: float = option(4.0, above=0.0)
     velocity: float = option(15.0, above=0.0)
     persistence: float = option(0.1, above=0.0)
-    memory: float = option(50.0, minimum=6.0)
-    min_scale: float = option(0.5, above=0.0)
-    max_scale: float = option(3.0, above=0.0)
+    min_scale: float = option(0.5, above=0.0, maximum=1.0)
+    max_scale: float = option(7.0, minimum=1.0)
     scale_drift: float = option(1e-4, minimum=0.0)
 
 
+Tails = tuple[float, float]
+"""Degrees of freedom of a prediction's tails, and whether what a fit leaves open counts in them, 1, or not, 0."""
+NO_TAILS = math.inf, 0.0
 ALIKE = 1.0 + 2.0 * math.cos(0.2)
 """Trace of the rotation between two poses above which they are one. A round value."""
 DEFAULT_MOTION = MotionOptions()
-MAX_SURPRISE = 10.0
-"""Square of a step over the expected one above which it counts as no larger. A round value."""
+
+
+@lru_cache(maxsize=16)
+def acceleration_levels(minimum: float, maximum: float) -> tuple[Floats, Floats]:
+    """Variances (3,) of accelerations over the stated one, from least to largest, and how often each is.
+
+    Each is as much rarer than the one before as makes the stated one their mean.
+    """
+    variances = np.array([minimum**2, minimum * maximum, maximum**2])
+    c, b, a = variances - 1.0
+    rarer = 1.0 if a <= 0.0 else (math.sqrt(max(b * b - 4.0 * a * c, 0.0)) - b) / (2.0 * a)
+    shares = np.array([1.0, rarer, rarer * rarer])
+    return variances, shares / shares.sum()
 
 
 def transition(time: float, persistence: float) -> tuple[Floats, Floats]:
@@ -104,7 +119,7 @@ class MotionFilter:
         pose = pose_in_space(pose, self.radius) if self.flat else pose
         if len(np.asarray(pose.covariance)) == 6 and self._is_among(-pose.R.T @ pose.t - self.middle):
             self.centre = -pose.R.T @ pose.t
-        self.options, self.time, self.factor = options, time, 1.0
+        self.options, self.time = options, time
         self.R, self.t, covariance = self._centred_state(pose)
         self.motion = np.zeros(12)
         size = self.rows = len(covariance)
@@ -112,11 +127,15 @@ class MotionFilter:
         self.P[:size, :size] = covariance
         speeds = self._along_axes(options.angular_velocity, options.velocity * self.radius)
         self.P[size:, size:] = np.diag([*speeds, *self._along_axes(*self._accelerations)]) ** 2
+        variances, shares = acceleration_levels(options.min_scale, options.max_scale)
+        each = np.tile(self.P, (len(shares), 1, 1))
+        each[:, -6:, -6:] *= variances[:, None, None]
+        self.levels: Levels = each, np.zeros(each.shape[:2]), shares
         self.shared: SharedErrors | None = None
         """Of the rows of ``P``; None if the errors of all poses are independent."""
         if isinstance(pose, SharedPose):
-            self._share(None, pose, np.eye(size + 12, size), np.eye(size))
-        self._ahead: tuple[float, State, SharedErrors | None] | None = None
+            self._share(None, pose, np.eye(size + 12, size), np.zeros((size + 12, size)))
+        self._ahead: tuple[float, Forecast] | None = None
 
     def copy(self) -> MotionFilter:
         """An independent copy: no array of a filter is ever written into."""
@@ -143,6 +162,8 @@ class MotionFilter:
         other.R = self.R @ R
         other.t = self.t + self.scale * self.R @ (R @ other.centre + t - self.centre)
         if self.shared is not None:  # its points have errors of their own
+            each, apart, shares = self.levels
+            other.levels = np.array([self.shared.whole(one) for one in each]), apart, shares
             other.P, other.shared = self.shared.whole(self.P), None
         other._ahead = None
         return other
@@ -170,44 +191,41 @@ class MotionFilter:
 
     def predicted(self, time: float) -> Pose:
         """The pose at a later time; a `SharedPose` if its errors are those of earlier frames."""
-        R, t, _, P = self._at(time)
-        pose, shared = self._to_own_frame(R, t, P[: self.rows, : self.rows]), self._shared_errors_at(time)
+        (R, t, _, P), _, shared = self._forecast(time)
+        pose = self._to_own_frame(R, t, P[: self.rows, : self.rows])
         if shared is not None:
             pose = SharedPose.of(pose, shared.moved(np.eye(self.rows, len(P))).about(-self.scale * R @ self.centre))
         return pose_in_plane(pose) if self.flat else pose
 
-    def update(self, pose: Pose, time: float, weight: float = 1.0) -> None:
+    def update(self, pose: Pose, time: float, weight: float = 1.0, *, tails: Tails = NO_TAILS) -> None:
         """Take in a pose that was fitted with the prediction for this time as its prior and therefore includes it.
+
+        What the detections alone tell of the pose is what the fit has beside its prediction. It says how probable each
+        level of accelerations is, and updates each (interacting multiple models, Blom and Bar-Shalom 1988).
 
         ``weight``: probability that the detections belong to the body; otherwise the prediction holds. The update has
         the mean and covariance of both together (probabilistic data association, Bar-Shalom and Tse 1975).
+        ``tails``: by which the prediction counted less in the fit.
         """
-        R, t, motion, P = before = self._at(time)
+        before, levels, shared = self._forecast(time)
         pose = pose_in_space(pose, self.radius) if self.flat else pose
-        size, scale, shared = self.rows, self.scale, self._shared_errors_at(time)
-        self.R, self.t, covariance = self._centred_state(pose)
-        self.scale = pose.scale
-        step = np.array([*one_rotation_vector(self.R @ R.T), *(self.t - t), self.scale - scale])[:size]
-        self.motion, self.P, inverse, bent = np.empty(12), np.empty(P.shape), np.empty((size, size)), np.empty(P.shape)
-        left, squared = take_pose((motion, P), step, covariance, (self.motion, self.P, inverse, bent))
+        about = *self._centred_state(pose), pose.scale
+        state, self.levels = _empty_state(self.P.shape, levels[1].shape)
+        self.R, self.t, self.motion, self.P = state
+        change = np.empty((len(self.P), self.rows)), np.empty((len(self.P), self.rows))
+        rule, out = (weight, *tails), (state, self.levels, *change)
+        self.scale = take_pose((before, levels, self.scale), about, rule, out)
         if isinstance(pose, SharedPose):
-            self._share(
-                shared,
-                pose,
-                weight * bent[:, :size] @ inverse,
-                remaining_prediction_error(covariance, bent[:size, :size]),
-            )
+            self._share(shared, pose, *change)
         self.time, self._ahead = time, None
-        # expected square of a step: the part of the prior's covariance that the detections removed
-        expected, options = max(size - left, 0.0), self.options
-        more = min(squared, MAX_SURPRISE * expected) - expected
-        factor = self.factor * math.sqrt(1.0 + weight * more / options.memory)
-        self.factor = min(max(factor, options.min_scale), options.max_scale)
-        if weight < 1.0:
-            self.scale = scale + weight * (self.scale - scale)
-            self._mix(weight, before, step)
-        if size == 6 and self._is_among(self.centre - self.R.T @ self.t - self.middle):
+        if self.rows == 6 and self._is_among(self.centre - self.R.T @ self.t - self.middle):
             self._go_with(-self.R.T @ self.t)
+
+    @property
+    def factor(self) -> float:
+        """Root mean square of the accelerations of the last time, relative to the stated one."""
+        variances, _ = acceleration_levels(self.options.min_scale, self.options.max_scale)
+        return math.sqrt(float(variances @ self.levels[2]))
 
     def _is_among(self, offset: Floats) -> bool:
         """Whether a camera at a point of the body's frame, from its centre, has the body's points around it."""
@@ -221,6 +239,8 @@ class MotionFilter:
             change[k + 3 : k + 6, k : k + 3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
         self.centre, self.t = self.centre + self.R.T @ arm, self.t + arm
         self.motion, self.P, self._ahead = change[6:, 6:] @ self.motion, change @ self.P @ change.T, None
+        each, apart, shares = self.levels
+        self.levels = change @ each @ change.T, apart @ change.T, shares
         if self.shared is not None:
             self.shared = self.shared.moved(change)
 
@@ -228,38 +248,27 @@ class MotionFilter:
         """Position of the body's centre in a state."""
         return np.asarray(t + self.scale * R @ (self.middle - self.centre))
 
-    def _mix(self, weight: float, before: State, step: Floats) -> None:
-        """Take the update since ``before`` with a probability: first two moments of both together."""
-        R, t, motion, P = before
-        change = np.concatenate([step, self.motion - motion])
-        self.R = one_rotation_matrix(weight * step[:3]) @ R
-        self.t = t + weight * step[3:6]
-        self.motion = motion + weight * change[self.rows :]
-        self.P = (1.0 - weight) * P + weight * self.P + weight * (1.0 - weight) * np.outer(change, change)
-
-    def _share(self, before: SharedErrors | None, pose: SharedPose, gain: Floats, left: Floats) -> None:
+    def _share(self, before: SharedErrors | None, pose: SharedPose, gain: Floats, lost: Floats) -> None:
         """Take in the shared errors of a pose.
 
-        ``gain`` (p + 12, p): what the state changes by with the pose; ``left`` (p, p): what the fit of the pose leaves
-        of the errors of its prediction, ``before``.
+        ``gain``, ``lost`` (p + 12, p): what the state changes by with the pose, and by how much less with the errors of
+        its prediction, ``before``.
         """
         self.shared = pose.shared.about(pose.scale * pose.R @ self.centre).moved(gain)
         if before is not None:
             kept = np.eye(len(gain))
-            kept[:, : self.rows] -= gain @ (np.eye(self.rows) - left)
+            kept[:, : self.rows] -= lost
             self.shared = before.moved(kept).plus(self.shared)
 
     def _at(self, time: float) -> State:
-        """Pose and covariance at a time, kept as an update asks for them once more."""
-        if self._ahead is None or self._ahead[0] != time:
-            state = self._advance_by(time - self.time)
-            self._ahead = time, state, self._shared_errors_by(time - self.time, state[0])
-        return self._ahead[1]
+        """Pose and covariance at a time."""
+        return self._forecast(time)[0]
 
-    def _shared_errors_at(self, time: float) -> SharedErrors | None:
-        """Shared errors at a time."""
-        self._at(time)
-        return None if self._ahead is None else self._ahead[2]
+    def _forecast(self, time: float) -> Forecast:
+        """State, levels and shared errors at a time, kept as an update asks for them once more."""
+        if self._ahead is None or self._ahead[0] != time:
+            self._ahead = time, self._advance_by(time - self.time)
+        return self._ahead[1]
 
     def _shared_errors_by(self, dt: float, R: Floats) -> SharedErrors | None:
         """Shared errors after a time, at a rotation: they move as all others do."""
@@ -279,14 +288,16 @@ class MotionFilter:
         """What the body has of each turn and each shift, three of either; in a plane none of those out of it."""
         return (0.0, 0.0, turn, shift, shift, 0.0) if self.flat else (turn, turn, turn, shift, shift, shift)
 
-    def _advance_by(self, dt: float) -> State:
+    def _advance_by(self, dt: float) -> Forecast:
+        """State, levels and shared errors after a time."""
         angular, linear = self._accelerations
-        of_scale = (self.options.scale_drift * self.scale) ** 2 * dt
-        variances = np.array([*self._along_axes((self.factor * angular) ** 2, (self.factor * linear) ** 2), of_scale])
-        out = np.empty((3, 3)), np.empty(3), np.empty(12), np.empty(self.P.shape)
-        state = self.R, self.t, self.motion, self.P, variances
-        move_ahead(*transition(dt, self.options.persistence), state, out)
-        return out
+        variances, usual = acceleration_levels(self.options.min_scale, self.options.max_scale)
+        state, levels = _empty_state(self.P.shape, self.levels[1].shape)
+        pushed = np.array(self._along_axes(angular**2, linear**2)), (self.options.scale_drift * self.scale) ** 2 * dt
+        rule = usual, math.exp(-dt / self.options.persistence), variances, *pushed
+        before = self.R, self.t, self.motion, self.P
+        move_ahead(transition(dt, self.options.persistence), before, self.levels, rule, (state, levels))
+        return state, levels, self._shared_errors_by(dt, state[0])
 
     def _centred_state(self, pose: Pose) -> tuple[Floats, Floats, Floats]:
         """Rotation, position of the centre, and their covariance."""
@@ -300,6 +311,12 @@ class MotionFilter:
         """The pose of the body's own frame."""
         t, covariance = pose_about_point(R, t, covariance, -self.centre, self.scale)
         return Pose.unchecked(R.copy(), t, 0.5 * (covariance + covariance.T), self.scale)
+
+
+def _empty_state(shape: tuple[int, ...], means: tuple[int, ...]) -> tuple[State, Levels]:
+    """Arrays for a state with a covariance of a shape, and for levels with means of another."""
+    state = np.empty((3, 3)), np.empty(3), np.empty(12), np.empty(shape)
+    return state, (np.empty((*means, means[1])), np.empty(means), np.empty(means[0]))
 
 
 @cache_by_identity(64)

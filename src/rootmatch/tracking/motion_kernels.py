@@ -6,65 +6,73 @@ import math
 
 import numpy as np
 
-from rootmatch.algebra.elimination import factorise, invert_factored
 from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.model.compiled.prior_terms import combine_axes, fill_arc_motion, turn_covariance
-from rootmatch.problems.pose_fit.reference_point import STRAIGHT
+from rootmatch.model.compiled.prior_terms import rotation_vector_between
+from rootmatch.tracking.motion_levels import (
+    average_levels,
+    bend_levels,
+    exchange_levels,
+    fill_rotation,
+    find_axes,
+    take_in_level,
+)
 
-SMALL = 1e-6
-"""Angle in radians below which the series of sine and cosine are cut after the first term."""
-
-
-@part
-def fill_rotation(x, y, z, turn):  # type: ignore[no-untyped-def]
-    """Rotation matrix (3, 3) of a rotation vector."""
-    angle = math.sqrt(x * x + y * y + z * z)
-    s, c = 1.0, 0.5
-    if angle > SMALL:
-        s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle)
-    turn[0, 0], turn[0, 1], turn[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
-    turn[1, 0], turn[1, 1], turn[1, 2] = c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x
-    turn[2, 0], turn[2, 1], turn[2, 2] = c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)
+SEEN = 1e-6
+"""Part of a prediction's precision up to which a frame tells nothing. A round value; rounding leaves some."""
 
 
 @part
-def carry_covariance(matrix, F, turn, out):  # type: ignore[no-untyped-def]
-    """Transpose of the transition times a matrix (p + 12, p + 12), into ``out``; twice, that of a covariance."""
-    rows = matrix.shape[0]
-    first = rows - 12
-    for column in range(rows):
-        for i in range(6):
-            now = matrix[i, column]
-            if i < 3:
-                now = turn[i, 0] * matrix[0, column] + turn[i, 1] * matrix[1, column] + turn[i, 2] * matrix[2, column]
-            for p in range(3):
-                change = F[p, 1] * matrix[first + i, column] + F[p, 2] * matrix[first + 6 + i, column]
-                out[column, i if p == 0 else first - 6 + 6 * p + i] = F[p, 0] * now + change
-        for i in range(6, first):
-            out[column, i] = matrix[i, column]
+def multiply(first, second, out):  # type: ignore[no-untyped-def]
+    """The product of matrices (3, 3), into ``out``."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = first[i, 0] * second[0, j] + first[i, 1] * second[1, j] + first[i, 2] * second[2, j]
+
+
+@part
+def carry_column(column, F, turn, out):  # type: ignore[no-untyped-def]
+    """The transition times a column (p + 12,), into ``out``."""
+    first = column.shape[0] - 12
+    for i in range(6):
+        now = column[i]
+        if i < 3:
+            now = turn[i, 0] * column[0] + turn[i, 1] * column[1] + turn[i, 2] * column[2]
+        for p in range(3):
+            change = F[p, 1] * column[first + i] + F[p, 2] * column[first + 6 + i]
+            out[i if p == 0 else first - 6 + 6 * p + i] = F[p, 0] * now + change
+    for i in range(6, first):
+        out[i] = column[i]
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def move_ahead(transition, added, state, out):  # type: ignore[no-untyped-def]
+def move_ahead(transition, state, levels, rule, out):  # type: ignore[no-untyped-def]
     """A later state.
 
     The p rows of a pose are those of its covariance, see `rootmatch.problems.pose_fit.pose.Pose`; the first six move.
 
     Parameters
     ----------
-    transition, added : (3, 3) arrays
-        Of position, velocity and acceleration, and the covariance that an acceleration of unit variance adds.
+    transition : tuple
+        Of position, velocity and acceleration, (3, 3), and the covariance that an acceleration of unit variance adds.
     state : tuple
-        Rotation (3, 3), position (3,), velocity with acceleration (12,), the covariance (p + 12, p + 12) of pose and
-        motion, and variances (p,): of the acceleration, and what is added to those of the other rows of the pose.
+        Rotation (3, 3), position (3,), velocity with acceleration (12,), and the covariance (p + 12, p + 12) of pose
+        and motion.
+    levels : tuple
+        See `average_levels`.
+    rule : tuple
+        See `exchange_levels`; variances (J,) of the accelerations of each level over the stated ones, those (6,), and
+        what is added to that of the scale.
     out : tuple
-        The first four of these, filled.
+        State and levels, filled.
     """
-    F, added, state, out = borrow((transition, added, state, out))
-    R, t, motion, P, variances = state
-    turned, moved, faster, covariance = out
-    turn, half, first = np.empty((3, 3)), np.empty(P.shape), P.shape[0] - 12
+    transition, state, levels, rule, out = borrow((transition, state, levels, rule, out))
+    F, added = transition
+    R, t, motion, P = state
+    usual, kept, variances, stated, of_scale = rule
+    (turned, moved, faster, whole), (each, apart, shares) = out
+    turn, first = np.empty((3, 3)), P.shape[0] - 12
+    mixed, half, offset = np.empty(each.shape), np.empty(P.shape), np.empty(apart.shape)
     for i in range(6):
         velocity, acceleration = motion[i], motion[6 + i]
         faster[i] = F[1, 1] * velocity + F[1, 2] * acceleration
@@ -75,99 +83,150 @@ def move_ahead(transition, added, state, out):  # type: ignore[no-untyped-def]
     y = F[0, 1] * motion[1] + F[0, 2] * motion[7]
     z = F[0, 1] * motion[2] + F[0, 2] * motion[8]
     fill_rotation(x, y, z, turn)
-    for i in range(3):
-        for j in range(3):
-            turned[i, j] = turn[i, 0] * R[0, j] + turn[i, 1] * R[1, j] + turn[i, 2] * R[2, j]
-    carry_covariance(P, F, turn, half)
-    carry_covariance(half, F, turn, covariance)
-    for p in range(3):
-        for q in range(3):
-            row, column = (0 if p == 0 else first - 6 + 6 * p), (0 if q == 0 else first - 6 + 6 * q)
-            for i in range(6):
-                covariance[row + i, column + i] += added[p, q] * variances[i]
-    for i in range(6, first):
-        covariance[i, i] += variances[i]
-
-
-@part
-def bend_step(P, step, along, out):  # type: ignore[no-untyped-def]
-    """A predicted covariance as it is where a step (p,) takes the body, into ``out``, and the step ``along`` its arc.
-
-    What its points leave open may stay as it is in the body's frame, or in the camera's: it is in either, see
-    `rootmatch.problems.pose_fit.reference_point.covariance_in_either_axes`.
-    """
-    rows, size = P.shape[0], step.shape[0]
-    for i in range(rows):
-        for j in range(rows):
-            out[i, j] = P[i, j]
-    for i in range(size):
-        along[i] = step[i]
-    if P[0, 0] + P[1, 1] + P[2, 2] < STRAIGHT * STRAIGHT:
-        return
-    fill_arc_motion(along)
-    turn, turned = np.empty((3, 3)), np.empty((rows, rows))
-    fill_rotation(step[0], step[1], step[2], turn)
-    turn_covariance(P, turn, size, turned)
-    combine_axes(P, turned, np.empty((rows, rows)), np.empty(rows), out)
+    multiply(turn, R, turned)
+    exchange_levels(levels, P, (usual, kept), (mixed, offset, shares))
+    for level in range(len(shares)):
+        carry_column(offset[level], F, turn, apart[level])
+        # twice, and each time into rows: that of a covariance
+        for row in range(P.shape[0]):
+            carry_column(mixed[level, row], F, turn, half[row])
+        for column in range(P.shape[0]):
+            carry_column(half[:, column], F, turn, each[level, column])
+        for p in range(3):
+            for q in range(3):
+                row, column = (0 if p == 0 else first - 6 + 6 * p), (0 if q == 0 else first - 6 + 6 * q)
+                for i in range(6):
+                    each[level, row + i, column + i] += added[p, q] * variances[level] * stated[i]
+        for i in range(6, first):
+            each[level, i, i] += of_scale
+    average_levels((each, apart, shares), whole)
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def take_pose(before, step, fitted, out):  # type: ignore[no-untyped-def]
-    """The motion and its covariance after a pose whose fit includes its prediction.
+def take_pose(before, pose, rule, out):  # type: ignore[no-untyped-def]
+    """The state after a pose whose fit includes its prediction, as moments of all levels.
 
     Parameters
     ----------
     before : tuple
-        Velocity with acceleration (12,), and the covariance (p + 12, p + 12) of pose and motion.
-    step : (p,) array
-        From the predicted pose to the fitted one.
-    fitted : (p, p) array
-        Covariance of that.
+        State and levels that were predicted, see `move_ahead`, and the scale.
+    pose : tuple
+        Rotation, position, covariance (p, p) and scale of the fit.
+    rule : tuple
+        Probability that the fit is of the body, otherwise the prediction holds; ν of the tails of the prediction in the
+        fit; and how much of what the fit leaves open counts in them.
     out : tuple
-        As ``before``, the inverse (p, p) of the covariance of the predicted pose, and the covariance before that step,
-        about where it leads: see `bend_step`; filled.
+        State and levels; what they change by with the fit (p + 12, p), and with the prediction's errors; filled.
 
     Returns
     -------
-    left, squared : float
-        How many of the p variances are left, and the χ² of the step.
+    scale : float
     """
-    before, step, fitted, out = borrow((before, step, fitted, out))
-    motion, given = before
-    faster, covariance, inverse, P = out
-    size, straight = step.shape[0], step
-    step = np.empty(size)
-    bend_step(given, straight, step, P)
-    root = np.empty((size, size))
+    before, pose, out = borrow((before, pose, out))
+    (R, t, motion, P), (each, apart, shares), scale = before
+    R_fit, t_fit, fitted, scale_fit = pose
+    chance, freedom, counted = rule
+    (turned, moved, faster, covariance), (levels, means, parts), change, kept = out
+    count, rows, size = len(shares), P.shape[0], fitted.shape[0]
+    turn, step, along = np.empty((3, 3)), np.empty(size), np.empty(size)
+    rotation_vector_between(R_fit, R, turn, step)
+    for i in range(3):
+        step[3 + i] = t_fit[i] - t[i]
+    if size > 6:
+        step[6] = scale_fit - scale
+    whole, bent = P.copy(), np.empty(each.shape)
+    bend_levels((each, apart, shares), whole, step, along, bent)
+    axes, back, left = np.empty((size, size)), np.empty((size, size)), np.empty(size)
+    find_axes(whole[:size, :size], fitted, axes, back, left)
+    measured, precision, squared = np.empty(size), np.empty(size), 0.0
     for i in range(size):
-        for j in range(i + 1):
-            root[i, j] = P[i, j]
-    factorise(root, size, 1e-300)
-    invert_factored(root, size, inverse)
-    gain, removed = np.empty((12, size)), np.empty((12, size))
-    left, squared = 0.0, 0.0
-    for p in range(size):
-        for q in range(size):
-            left += fitted[p, q] * inverse[q, p]
-            squared += step[p] * inverse[p, q] * step[q]
-            covariance[p, q] = fitted[p, q]
+        measured[i] = 0.0
+        for k in range(size):
+            measured[i] += axes[i, k] * along[k]
+        squared += measured[i] * measured[i] + counted * left[i]
+    weight = min(1.0, (freedom + size) / (freedom + squared)) if freedom < math.inf else 1.0
+    common, told = np.zeros(rows), np.empty(count)
+    gains = np.empty((count, rows, size))
+    for a in range(rows):
+        for b in range(size):
+            change[a, b] = kept[a, b] = 0.0
+    for i in range(size):
+        precision[i] = 1.0 / left[i] - weight
+        if precision[i] >= SEEN:
+            measured[i] *= 1.0 / (left[i] * precision[i])
+        else:
+            precision[i] = 0.0
+    for j in range(count):
+        told[j] = take_in_level((bent[j], apart[j]), (axes, back, measured, precision), (levels[j], means[j], gains[j]))
+    # of what the fit does not tell it may be less certain than the prediction: then a caller said where the body is
+    for i in range(size):
+        if precision[i] > 0.0:
+            continue
+        more = max(left[i] - 1.0, 0.0)
+        for a in range(rows):
+            common[a] = 0.0
+            for k in range(size):
+                common[a] += whole[a, k] * axes[i, k]
+        for a in range(rows):
+            for b in range(size):
+                change[a, b] += common[a] * axes[i, b]
+                kept[a, b] += common[a] * axes[i, b] * (more / (1.0 + more))
+            for j in range(count):
+                means[j, a] += common[a] * measured[i]
+                for b in range(rows):
+                    levels[j, a, b] += more * common[a] * common[b]
+    best, total = told[0], 0.0
+    for j in range(count):
+        best = max(best, told[j])
+    for j in range(count):
+        parts[j] = shares[j] * math.exp(told[j] - best)
+        total += parts[j]
+    faster_by = np.zeros(rows)
+    for j in range(count):
+        parts[j] /= total
+        for a in range(rows):
+            faster_by[a] += parts[j] * means[j, a]
+            for i in range(size):
+                if precision[i] > 0.0:
+                    gain = parts[j] * gains[j, a, i]
+                    for b in range(size):
+                        change[a, b] += gain * axes[i, b] / (left[i] * precision[i])
+                        kept[a, b] += gain * axes[i, b]
+    # from where the fit is, as that may be along an arc
+    for i in range(size):
+        step[i] = faster_by[i] - along[i]
+    fill_rotation(step[0], step[1], step[2], turn)
+    multiply(turn, R_fit, turned)
+    for i in range(3):
+        moved[i] = t_fit[i] + step[3 + i]
+    if size > 6:
+        scale_fit += step[6]
+    if chance < 1.0:
+        rotation_vector_between(turned, R, turn, step)
+        fill_rotation(chance * step[0], chance * step[1], chance * step[2], turn)
+        multiply(turn, R, turned)
+        for i in range(3):
+            moved[i] = t[i] + chance * (moved[i] - t[i])
+        scale_fit = scale + chance * (scale_fit - scale)
+        for a in range(rows):
+            faster_by[a] *= chance
+            for b in range(size):
+                change[a, b] *= chance
+                kept[a, b] *= chance
+        for j in range(count):
+            share = (1.0 - chance) * shares[j] + chance * parts[j]
+            new, parts[j] = chance * parts[j] / max(share, 1e-300), share
+            for a in range(rows):
+                common[a] = means[j, a] - apart[j, a]
+                means[j, a] = apart[j, a] + new * common[a]
+            for a in range(rows):
+                for b in range(rows):
+                    spread = new * (1.0 - new) * common[a] * common[b]
+                    levels[j, a, b] = (1.0 - new) * each[j, a, b] + new * levels[j, a, b] + spread
+    for j in range(count):
+        for a in range(rows):
+            means[j, a] -= faster_by[a]
     for i in range(12):
-        faster[i] = motion[i]
-        for p in range(size):
-            gain[i, p] = 0.0
-            for q in range(size):
-                gain[i, p] += P[size + i, q] * inverse[q, p]
-            faster[i] += gain[i, p] * step[p]
-    for i in range(12):
-        for p in range(size):
-            of_pose, removed[i, p] = 0.0, 0.0
-            for q in range(size):
-                of_pose += gain[i, q] * fitted[q, p]
-                removed[i, p] += gain[i, q] * (P[q, p] - fitted[q, p])
-            covariance[size + i, p] = covariance[p, size + i] = of_pose
-        for j in range(i + 1):
-            rest = 0.5 * (P[size + i, size + j] + P[size + j, size + i])
-            for p in range(size):
-                rest -= 0.5 * (removed[i, p] * gain[j, p] + removed[j, p] * gain[i, p])
-            covariance[size + i, size + j] = covariance[size + j, size + i] = rest
-    return left, squared
+        faster[i] = motion[i] + faster_by[size + i]
+    average_levels((levels, means, parts), covariance)
+    return scale_fit

@@ -332,7 +332,7 @@ max_evaluations
         parts = {label: check_contradiction(part, given.get(label)) for label, part in parts.items()}
         if factor > 1.0:
             parts = {label: copy_with(part, sequence_factor=factor) for label, part in parts.items()}
-        limit = self.tracking.motion.max_scale
+        limit = 0.5 * self.tracking.motion.max_scale
         fast = [label for label, body in self._bodies.items() if body.belief and body.belief.best.factor >= limit]
         parts |= {label: copy_with(parts[label], motion_factor=limit) for label in fast}
         return parts[None] if found.parts is None else copy_with(found, parts={one: parts[one] for one in found.parts})
