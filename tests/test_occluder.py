@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from scipy.special import logsumexp
 
 import rootmatch as rm
@@ -18,11 +19,11 @@ from rootmatch.model.compiled.occluder import (
     LOG_FREE,
     OCCLUDED,
     WINDOW,
+    fill_distance_powers,
     fill_sizes,
     find_occluders,
     largest_size,
     log_with_range_limit,
-    order_smaller,
 )
 from rootmatch.model.compiled.rates import log_over_rates
 from rootmatch.model.detection_model import RATE_PRIOR
@@ -30,26 +31,25 @@ from rootmatch.model.priors import DEPTHS, beta_quadrature
 
 Floats = NDArray[np.float64]
 RATES = beta_quadrature(*RATE_PRIOR)
+TURNS = 72
+"""Directions of edges that are summed over."""
 
 
-def one_by_one(owned: NDArray[np.bool_], visible: Floats) -> float:
-    """Log-probability of what is detected if points are missed one by one."""
-    each = [np.where(owned, np.log(rate * visible), np.log1p(-rate * visible)).sum() for rate in RATES[0]]
-    return float(logsumexp(np.array(each) + RATES[1]))
+def one_by_one(owned: NDArray[np.bool_], visible: Floats) -> Floats:
+    """Log-probability of what is detected if points are missed one by one; ``visible`` (..., n)."""
+    each = [np.where(owned, np.log(rate * visible), np.log1p(-rate * visible)).sum(axis=-1) for rate in RATES[0]]
+    return np.asarray(logsumexp(np.stack(each, axis=-1) + RATES[1], axis=-1))
 
 
 def over_edges(owned: NDArray[np.bool_], visible: Floats, pixels: Floats) -> float:
     """The same behind an edge, summed over all directions and places that hide at least one visible point."""
-    each = []
-    for turn in range(DIRECTIONS):
-        angle = 2.0 * math.pi * turn / DIRECTIONS
-        along = pixels @ (math.cos(angle), math.sin(angle))
-        for place in along:
-            hidden = along >= place
-            if not (owned & hidden).any():
-                # δ applies to what is in sight only
-                each.append(one_by_one(owned, np.where(hidden, 1e-300, visible)) - math.log(visible.sum()))
-    return float(logsumexp(each) - math.log(DIRECTIONS)) if each else -math.inf
+    angles = 2.0 * math.pi * np.arange(TURNS) / TURNS
+    along = (pixels @ [np.cos(angles), np.sin(angles)]).T
+    hidden = (along[:, None] >= along[..., None]).reshape(-1, len(owned))
+    hidden = hidden[~(owned & hidden).any(axis=1)]
+    # δ applies to what is in sight only
+    each = one_by_one(owned, np.where(hidden, 1e-300, visible)) - math.log(visible.sum() * TURNS)
+    return float(logsumexp(each)) if len(each) else -math.inf
 
 
 def over_circles(owned: NDArray[np.bool_], visible: Floats, pixels: Floats) -> float:
@@ -63,30 +63,17 @@ def over_circles(owned: NDArray[np.bool_], visible: Floats, pixels: Floats) -> f
         centre = np.linalg.solve(matrix, [b @ b - a @ a, c @ c - a @ a])
         shown = np.linalg.norm(pixels - centre, axis=1) <= np.linalg.norm(a - centre) + 1e-9
         if not (owned & ~shown).any():
-            each.append(one_by_one(owned, np.where(shown, visible, 1e-300)) - math.log(visible.sum() ** 3 / 6.0))
+            each.append(float(one_by_one(owned, np.where(shown, visible, 1e-300))) - math.log(visible.sum() ** 3 / 6.0))
     return float(logsumexp(each)) if each else -math.inf
 
 
-def over_distances(owned: NDArray[np.bool_], visible: Floats, depth: Floats, count: int = 400_000) -> float:
-    """The same with a limit of distance: the mean over the octave of the nearest point and that of the limit."""
+def over_distances(owned: NDArray[np.bool_], visible: Floats, depth: Floats, count: int = 4000) -> float:
+    """The same with a soft limit of distance: the mean over the octave of the nearest point and that of the limit."""
     octaves = (np.arange(count) + 0.5) / count * math.log(DEPTHS)
     # of two uniform ones of which the limit's is the larger: their difference, by the number of ways to have it
     ways = octaves[::-1] / octaves.sum()
-    limits = depth.min() * np.exp(octaves)
-    each = []
-    for far, weight in zip(*regrouped(depth, limits, ways), strict=True):
-        hidden = depth > far
-        if not (owned & hidden).any():
-            each.append(one_by_one(owned, np.where(hidden, 1e-300, visible)) + math.log(weight))
-    return float(logsumexp(each))
-
-
-def regrouped(depth: Floats, limits: Floats, ways: Floats) -> tuple[Floats, Floats]:
-    """The farthest depth within each limit, each once, and the sum of what is given for the limits."""
-    order = np.sort(depth)
-    which = np.searchsorted(order, limits, side="right") - 1
-    used = np.unique(which)
-    return order[used], np.bincount(which, ways)[used]
+    within = 1.0 / (1.0 + (depth / (depth.min() * np.exp(octaves)[:, None])) ** 16)
+    return float(logsumexp(one_by_one(owned, visible * within) + np.log(ways)))
 
 
 def jacobians(depth: Floats) -> Floats:
@@ -98,13 +85,13 @@ def jacobians(depth: Floats) -> Floats:
 
 def products() -> Floats:
     """Scratch for the products at each rate."""
-    return np.empty((2, len(RATES[0])))
+    return np.empty((4, len(RATES[0])))
 
 
 def kernel(owned: NDArray[np.bool_], visible: Floats, pixels: Floats, kind: int) -> tuple[float, Floats]:
     """What the model takes for an edge or a window, and which points are in sight then."""
     missing, in_sight, odds = np.where(owned, 0.0, visible), np.empty((2, len(owned))), np.empty(2)
-    find_occluders(np.where(owned, 0, -1), pixels, missing, 1, np.empty(DIRECTIONS), in_sight, odds)
+    find_occluders(np.where(owned, 0, -1), pixels, missing, 1, np.empty((DIRECTIONS + 1, 3)), in_sight, odds)
     seen, count = np.log(visible[owned]).sum(), int(owned.sum())
     prior = math.log(0.5 * OCCLUDED) - LOG_FREE
     detected = log_over_rates(missing * in_sight[kind], count, *RATES, products())
@@ -113,12 +100,15 @@ def kernel(owned: NDArray[np.bool_], visible: Floats, pixels: Floats, kind: int)
 
 def limited(owned: NDArray[np.bool_], visible: Floats, depth: Floats) -> float:
     """What the model has with a limit of distance."""
-    assignment, missing, sizes = np.where(owned, 0, -1), np.where(owned, 0.0, visible), np.empty(len(owned))
-    smallest, order = fill_sizes(assignment, jacobians(depth), sizes), np.empty(len(owned), np.int64)
-    farther, nearest = order[: order_smaller(smallest, sizes, order)], largest_size(assignment, visible, sizes)
-    matches, scratch = int(owned.sum()), (np.empty((2, len(owned))), products())
-    far = log_over_rates(missing, matches, *RATES, scratch[1])
-    value = log_with_range_limit(missing, far, matches, sizes, farther, nearest, smallest, *RATES, *scratch)
+    n, matches = len(owned), int(owned.sum())
+    assignment, missing, sizes, powers = np.where(owned, 0, -1), np.where(owned, 0.0, visible), np.empty(n), np.empty(n)
+    farthest = fill_sizes(assignment, jacobians(depth), sizes)
+    fill_distance_powers(farthest, sizes, powers)
+    nearest = largest_size(assignment, visible, sizes)
+    far = log_over_rates(missing, matches, *RATES, products())
+    value = log_with_range_limit(
+        assignment, missing, far, matches, nearest, farthest, powers, *RATES, np.empty((2, n)), products()
+    )
     return float(np.log(visible[owned]).sum() + value)
 
 
@@ -135,10 +125,10 @@ def test_the_one_that_hides_most_stands_for_all(count: int, kind: int) -> None:
         if value > -math.inf:
             every = over_edges if kind == EDGE else over_circles
             errors.append(value - every(owned, visible, pixels))
-            gains.append(value - one_by_one(owned, visible))
+            gains.append(value - float(one_by_one(owned, visible)))
     assert len(errors) >= 20
-    assert -3.0 < min(errors) <= max(errors) < 0.3  # an edge is a term of the sum
-    assert np.median(errors) > -1.8
+    assert -6.0 < min(errors) <= max(errors) < 3.0  # its share of the directions may be less than an eighth
+    assert -1.8 < np.median(errors) < 0.3
     assert max(gains) > 3.0
 
 
@@ -152,26 +142,17 @@ def test_a_limit_of_distance_is_integrated_over(count: int) -> None:
         if not owned.any():
             continue
         value = limited(owned, visible, depth)
-        assert value == pytest.approx(over_distances(owned, visible, depth), abs=0.02)
-        gains.append(value - one_by_one(owned, visible))
+        assert value == pytest.approx(over_distances(owned, visible, depth), abs=0.08)
+        gains.append(value - float(one_by_one(owned, visible)))
     assert len(gains) >= 25
     assert max(gains) > 3.0
-
-
-@pytest.mark.parametrize("count", [1, 9, 200])
-def test_points_are_ordered_by_size_and_equal_ones_by_their_numbers(count: int) -> None:
-    rng = np.random.default_rng(count)
-    sizes, order = rng.integers(0, max(count // 4, 2), count).astype(float), np.empty(count, np.int64)
-    limit = float(sizes.max())
-    expected = [i for i in np.lexsort([np.arange(count), -sizes]) if sizes[i] < limit]
-    np.testing.assert_array_equal(order[: order_smaller(limit, sizes, order)], expected)
 
 
 def test_the_prior_of_a_limit_sums_to_one() -> None:
     """What is detected of a few points, summed over all that may be, with the limit: nothing is counted twice."""
     depth, visible = np.array([1.0, 1.3, 2.0, 7.0, 40.0, 99.9]), np.full(6, 0.9)
     every = (np.array(one) for one in itertools.product((False, True), repeat=6))
-    assert logsumexp([limited(one, visible, depth) for one in every]) == pytest.approx(0.0, abs=1e-9)
+    assert logsumexp([limited(one, visible, depth) for one in every]) == pytest.approx(0.0, abs=0.01)
 
 
 def test_a_limit_hardly_ever_cuts_a_body_of_small_depth() -> None:
@@ -181,8 +162,8 @@ def test_a_limit_hardly_ever_cuts_a_body_of_small_depth() -> None:
         """Probability that no point of a body is beyond the limit, the farthest one so many times as far away."""
         return math.exp(limited(owned, visible, np.geomspace(1.0, depth, 4)) - one_by_one(owned, visible))
 
-    assert kept(1.1) > 0.95
-    assert kept(20.0) == pytest.approx((1.0 - math.log(20.0) / math.log(DEPTHS)) ** 2)
+    assert kept(1.1) > 0.9
+    assert kept(20.0) == pytest.approx((1.0 - math.log(20.0) / math.log(DEPTHS)) ** 2, rel=0.01)
     assert kept(1e6) == pytest.approx(FARTHEST**2)  # what is seen is seen
 
 
@@ -206,7 +187,9 @@ def test_a_window_in_one_image_hides_nothing_in_another() -> None:
     used = np.array([one == "1" for one in "00011000" + "11000000"])  # about the middle, and at one end
     in_sight, odds = np.empty((2, 16)), np.empty(2)
     missing = np.where(used, 0.0, 1.0)
-    find_occluders(np.where(used, 0, -1), np.tile(line, (2, 1)), missing, 2, np.empty(8), in_sight, odds)
+    find_occluders(
+        np.where(used, 0, -1), np.tile(line, (2, 1)), missing, 2, np.empty((DIRECTIONS + 1, 3)), in_sight, odds
+    )
     np.testing.assert_array_equal(in_sight[WINDOW], [float(one) for one in "00011000" + "11111111"])
     np.testing.assert_array_equal(in_sight[EDGE], [float(one) for one in "11111000" + "11000000"])
     prior = math.log(0.5 * OCCLUDED) - LOG_FREE
@@ -279,3 +262,33 @@ def test_a_dark_end_does_not_move_a_runway() -> None:
 def test_lamps_at_equal_distances_stay_ambiguous() -> None:
     lamps, image, _, problem = runway(0.0)
     assert rm.match(lamps, image, problem, noise=0.4, seed=0).status is rm.Status.AMBIGUOUS
+
+
+def half_hidden_board(seed: int) -> tuple[Floats, Floats, NDArray[np.int64], Floats]:
+    """A board of which two rows are covered, and the other three look the same after half a turn in their plane.
+
+    Points, image, the true assignment, and that after half a turn.
+    """
+    rng = np.random.default_rng(seed)
+    holes = {(1, 0), (5, 2), (2, 2), (4, 0), (0, 1), (6, 1), (1, 4), (4, 3), (5, 4)}
+    points = np.array([(x, y, 0.0) for x in range(7) for y in range(5) if (x, y) not in holes])
+    points = 0.03 * (points - (3.0, 1.0, 0.0))
+    R = Rotation.from_euler("zxy", [rng.uniform(-180.0, 180.0), *rng.normal(0.0, 25.0, 2)], degrees=True).as_matrix()
+    camera = rm.Camera(900.0, 900.0, 640.0, 480.0)
+    pixels = camera.project(points @ R.T + [*rng.uniform(-0.05, 0.05, 2), 0.6])
+    seen = np.flatnonzero(points[:, 1] < 0.04)
+    truth, turned = np.full(len(points), -1), np.full(len(points), -1)
+    truth[seen] = np.arange(len(seen))
+    for k in seen:
+        turned[k] = truth[np.linalg.norm(points + points[k] * (1.0, 1.0, 0.0), axis=1).argmin()]
+    return points, pixels[seen] + rng.normal(0.0, 0.2, (len(seen), 2)), truth, turned
+
+
+def test_a_part_that_looks_the_same_after_half_a_turn_is_a_toss_whichever_way_the_rest_leans() -> None:
+    problem = rm.P3P(rm.Camera(900.0, 900.0, 640.0, 480.0))
+    for seed in (9, 11, 13, 18, 19, 35, 37):  # told .96 to .999 by a sharp limit
+        points, image, truth, turned = half_hidden_board(seed)
+        match = rm.match(points, image, problem, noise=0.2, normals=np.tile([0.0, 0.0, -1.0], (len(points), 1)))
+        assert any(np.array_equal(match.assignment, one) for one in (truth, turned)), seed
+        assert match.status is rm.Status.AMBIGUOUS
+        assert match.probability == pytest.approx(0.5, abs=0.2), seed

@@ -75,7 +75,10 @@ class Sampled:
         prior = prior - np.log(2.0 * ((place**2).sum(axis=1) + radius2) ** 1.5 * math.log(100.0))
         prior = prior + math.log(0.9)  # nothing hides a part: at most two points are missing
         away = np.linalg.norm(self.places(v), axis=2)  # and all of it is within the limit of distance
-        prior = prior + 2.0 * np.log1p(-np.log(away.max(axis=1) / away.min(axis=1)) / math.log(100.0))
+        places = (np.arange(200) + 0.5) / 200 * math.log(100.0)
+        beyond = (away / away.min(axis=1, keepdims=True))[..., None] ** 16 * np.exp(-16.0 * places)
+        left = np.where(self.used[:, None], np.log1p(beyond), 0.0).sum(axis=1)
+        prior = prior + np.log((np.exp(-left) * 2.0 * (1.0 - places / math.log(100.0)) / 200).sum(axis=1))
         total = noisy + clutter + shown + prior - k * math.log(2.0 * math.pi * SIGMA**2)
         return np.asarray(np.where((depth > 0.0).all(axis=1), total, -np.inf))
 

@@ -15,11 +15,11 @@ from rootmatch.model.compiled.occluder import (
     LOG_FREE,
     MIN_HIDDEN,
     WINDOW,
+    fill_distance_powers,
     fill_sizes,
     find_occluders,
     largest_size,
     log_with_range_limit,
-    order_smaller,
 )
 from rootmatch.model.compiled.rates import log_over_rates
 from rootmatch.model.compiled.visibility import (
@@ -103,8 +103,11 @@ def log_crowd_correction(assignment, taken, clutter):  # type: ignore[no-untyped
 @part
 def weighing_scratch(n, images, n_target, nodes):  # type: ignore[no-untyped-def]
     """What `weigh_one` writes into, for so many points, images, detections and nodes of the rate."""
-    square, hidden = (np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))), (np.empty(2), np.empty(DIRECTIONS))
-    points, of_rates = (np.empty((11, n)), np.empty(n, np.int64)), np.empty((2, nodes))
+    square, hidden = (
+        (np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))),
+        (np.empty(2), np.empty((DIRECTIONS + 1, 3))),
+    )
+    points, of_rates = np.empty((12, n)), np.empty((4, nodes))
     return square, np.empty((3, 6)), points, of_rates, np.empty(images, np.int64), np.zeros(n_target, np.bool_), hidden
 
 
@@ -144,11 +147,11 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
     target, sigma, log_weights, view_cosine, log_counts, image_of = image
     nodes, log_nodes, noise_freedom = rates
     log_odds, steps, covariances, squared_out, freedom_out, visible, decrements, detected = out
-    (whole, measured, factor), vectors, (points, order), products, counts, taken, (odds, reaches) = scratch
+    (whole, measured, factor), vectors, points, products, counts, taken, (odds, sides) = scratch
     scale, slope, row = vectors[0], vectors[1], vectors[2]
     precisions, slopes, squares, log_densities = terms
     missing, shown, left, sizes = points[0], points[1], points[2], points[3]
-    in_sight, limits, (away, growth, barely) = points[4:6], points[6:8], points[8:]
+    in_sight, limits, powers, (away, growth, barely) = points[4:6], points[6:8], points[8], points[9:]
     n, images = assignments.shape[1], log_counts.shape[0]
     total, matches, possible = 0.0, 0, True
     of_image = 0.0
@@ -213,8 +216,8 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
     visible[k] = 0.0
     for i in range(n):
         away[i], growth[i], barely[i] = facing_terms(cosine, view_cosine, tilt, pose, i)
-    minimum = fill_sizes(assignments[k], jacobian[pose], sizes)
-    farther = order[: order_smaller(minimum, sizes, order)]
+    farthest = fill_sizes(assignments[k], jacobian[pose], sizes)
+    fill_distance_powers(farthest, sizes, powers)
     for edge in range(edges):
         for i in range(n):
             shown[i] = expected[pose, i] * visibility_by_normal(away[i], barely[i])
@@ -233,19 +236,19 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
         if edge == 0:
             odds[:] = -math.inf
             if lost > MIN_HIDDEN:
-                find_occluders(assignments[k], pixels[pose], missing, images, reaches, in_sight, odds)
+                find_occluders(assignments[k], pixels[pose], missing, images, sides, in_sight, odds)
         far = log_over_rates(missing, matches, nodes, log_nodes, products)
         value = log_with_range_limit(
-            missing, far, matches, sizes, farther, near, minimum, nodes, log_nodes, limits, products
-        )  # fmt: skip
+            assignments[k], missing, far, matches, near, farthest, powers, nodes, log_nodes, limits, products
+        )
         for kind in (EDGE, WINDOW):
             if odds[kind] > -math.inf:
                 for i in range(n):
                     left[i] = missing[i] * in_sight[kind, i]
                 far = log_over_rates(left, matches, nodes, log_nodes, products)
                 hidden = odds[kind] + log_with_range_limit(
-                    left, far, matches, sizes, farther, near, minimum, nodes, log_nodes, limits, products
-                )  # fmt: skip
+                    assignments[k], left, far, matches, near, farthest, powers, nodes, log_nodes, limits, products
+                )
                 value = max(value, hidden) + math.log1p(math.exp(-abs(value - hidden)))
         value += owned
         if edge == 0 or value > highest:

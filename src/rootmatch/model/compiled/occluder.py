@@ -20,7 +20,8 @@ OCCLUDED = 0.1
 """Probability that a part of a body is hidden as a whole in an image. A stated value, not measured."""
 DIRECTIONS = 8
 """Directions in which an edge may face, all equally probable: nearer ones hide much the same. A window has an edge in
-each."""
+each. Both may have one more, that in which the matches and what is missing are best told apart: see
+`_fill_direction_apart`."""
 EDGE, WINDOW = 0, 1
 """What hides a part of an image, equally probable."""
 OCTAVES = math.log(DEPTHS)
@@ -33,15 +34,34 @@ MIN_HIDDEN = 2.0
 value."""
 MAX_MISSED = 6.0
 """Points missed one by one before a limit: more are never worth it. A round value."""
+STEP = 1.0 / 32.0
+"""Step of the integral over the logarithm of the limit: half of the width of one point's end."""
+STEP_OF_POWER = math.exp(-16.0 * STEP)
+"""Factor on (d / L)^16 in a step. The power says how soft a limit is: by it, the logarithms of the distances at which
+points are lost have the standard deviation .11. LEDs of one kind differ by some 20 % in brightness, which goes with the
+square of a distance. A stated value, not measured."""
+MAX_STEPS = 160
+"""Steps that go through the range of distances: more tell nothing."""
+EARLIER = math.exp(12.0 * STEP)
+"""Factor on the square of the size of the farthest match from where limits count: 5 % of it remain there."""
+WITHIN = math.exp(-5.0)
+"""(d / L)^16 up to which a point counts as within the limit."""
+NEARLY = 0.05
+"""Sum of that over the matches up to which the product of their shares is one less the sum."""
+MAX_CUT = 1e6
+"""Factor by which a limit makes the matches less probable, from which it is left out."""
 ABOVE_ROUNDING = 1.0 + 1e-9
-"""Factor by which a window has to hide more than an edge: sums of the same points may differ by rounding."""
+"""Factor by which one edge, or a window, has to hide more than another: sums of the same points may differ by
+rounding."""
+RIDGE = 1e-6
+"""Added to the scatter of points about their means, as a share of it: those of one line have none across."""
 LOG_ODDS = math.log(0.5 * OCCLUDED) - math.log1p(-OCCLUDED)
 """Of one of them against neither."""
 LOG_FREE = math.log1p(-OCCLUDED)
 
 
 TURNS = tuple(2.0 * math.pi * turn / DIRECTIONS for turn in range(DIRECTIONS))
-ACROSS, DOWN = np.array([math.cos(turn) for turn in TURNS]), np.array([math.sin(turn) for turn in TURNS])
+SIDES = np.array([(math.cos(turn), math.sin(turn)) for turn in TURNS])
 
 
 @part
@@ -62,13 +82,17 @@ def _squared_size(jacobian):  # type: ignore[no-untyped-def]
 
 @part
 def fill_sizes(assignment, jacobian, sizes):  # type: ignore[no-untyped-def]
-    """Squares of the sizes at which points appear, into ``sizes`` (n,); that of the farthest match, or ∞."""
-    farthest = math.inf
+    """Squares of the sizes at which points appear, into ``sizes`` (n,); that of the farthest match.
+
+    Or, if there is none, of the nearest point.
+    """
+    farthest, nearest = math.inf, 1e-300
     for i in range(assignment.shape[0]):
         sizes[i] = _squared_size(jacobian[i])
+        nearest = max(nearest, sizes[i])
         if assignment[i] >= 0:
             farthest = min(farthest, sizes[i])
-    return farthest
+    return min(farthest, nearest)
 
 
 @part
@@ -82,90 +106,134 @@ def largest_size(assignment, shown, sizes):  # type: ignore[no-untyped-def]
 
 
 @part
-def order_smaller(size, sizes, order):  # type: ignore[no-untyped-def]
-    """Numbers of the points that appear smaller than a size, the largest first, into ``order`` (n,); how many."""
-    count = 0
+def fill_distance_powers(reference, sizes, powers):  # type: ignore[no-untyped-def]
+    """The 1 / `SOFTNESS`-th powers of distances over that of a reference size, into ``powers`` (n,).
+
+    ``sizes`` (n,), squares as of `fill_sizes`.
+    """
     for i in range(sizes.shape[0]):
-        if sizes[i] < size:
-            order[count] = i
-            count += 1
-    gap = 1
-    while 9 * gap < count:  # Shell's steps; of equal ones the first comes first
-        gap = 3 * gap + 1
-    while gap > 0:
-        for t in range(gap, count):
-            point, s = order[t], t
-            while s >= gap:
-                before = order[s - gap]
-                if sizes[before] > sizes[point] or (sizes[before] == sizes[point] and before < point):
-                    break
-                order[s] = before
-                s -= gap
-            order[s] = point
-        gap //= 3
-    return count
+        ratio = reference / max(sizes[i], 1e-12 * reference)
+        ratio *= ratio
+        ratio *= ratio
+        powers[i] = ratio * ratio
 
 
 @part
-def _chance_within_range(nearest, size):  # type: ignore[no-untyped-def]
-    """Probability S that the limit of distance lies beyond what appears at a size, given what the nearest point has.
+def _chance_beyond(distance):  # type: ignore[no-untyped-def]
+    """Probability S that the limit lies beyond a logarithm of a distance over that of the nearest point.
 
     The logarithms of the nearest distance and of the limit are uniform in `OCTAVES`, the former below the latter, so
     their difference has the density 2 (D − x) / D².
     """
-    left = 1.0 - 0.5 * math.log(max(nearest / size, 1.0)) / OCTAVES
-    return max(left, FARTHEST) ** 2
+    return max(1.0 - distance / OCTAVES, FARTHEST) ** 2
 
 
 @part
-def log_with_range_limit(missing, far, matches, sizes, order, nearest, smallest, rates, log_weights, steps, products):  # type: ignore[no-untyped-def]
+def log_with_range_limit(
+    assignment, missing, far, matches, nearest, reference, powers, rates, log_weights, seen, products
+):  # type: ignore[no-untyped-def]
     """What `log_over_rates` is with a limit of distance, integrated over where that lies; ``owned`` apart.
 
-    Between two successive points it hides the farther one and all beyond, with the probability S there less S here, see
-    `_reached`; no match is hidden. ``far``: `log_over_rates` if none is. ``sizes``: as of `fill_sizes`; ``nearest`` and
-    ``smallest``: those of the nearest point in view and of the farthest match; ``order``: of `order_smaller` that.
-    ``steps`` (2, n) and ``products`` (2, Q): scratch.
+    A limit at L is soft: of a point at d it leaves the share 1 / (1 + (d / L)^16). It is integrated over from where it
+    cuts the farthest match to where it leaves all, or hides so little that too many points were missed one by one.
+    ``far``: `log_over_rates` without a limit. ``nearest``: the square of the size of the nearest point in view;
+    ``reference``: that of the farthest match, of which ``powers`` (n,) are, as of `fill_distance_powers`. ``seen``
+    (2, n) and ``products`` (4, Q): scratch.
     """
-    end = order.shape[0]
-    while end > 0 and missing[order[end - 1]] <= BARELY:
-        end -= 1
-    last = sizes[order[end - 1]] if end > 0 else smallest
-    out = far + math.log(_chance_within_range(nearest, last))
-    if end == 0:
-        return out
-    count, missed, at, here = 0, 0.0, 0, _chance_within_range(nearest, smallest)
-    while missed < MAX_MISSED and at < end:
-        while missing[order[at]] <= BARELY:
-            at += 1
-        lower = sizes[order[at]]
-        there = _chance_within_range(nearest, lower)
-        weight = here - there
-        while at < end and sizes[order[at]] == lower:
-            point = order[at]
-            if missing[point] > BARELY:
-                steps[0, count], steps[1, count] = weight, missing[point]
-                count, weight, missed = count + 1, 0.0, missed + missing[point]
-            at += 1
+    if nearest == 0.0:
+        return far
+    size = min(reference * EARLIER, nearest)
+    place = 0.5 * math.log(nearest / size)
+    ratio = reference / size
+    ratio *= ratio
+    ratio *= ratio
+    power = math.sqrt(STEP_OF_POWER) / (ratio * ratio)  # (d / L)^16 of the reference, in the middle of a step
+    limit, count, crowd, last = WITHIN / power, 0, 0.0, 0.0
+    for i in range(assignment.shape[0]):
+        if assignment[i] >= 0:
+            crowd += powers[i]
+            last = max(last, powers[i])
+        elif missing[i] > 0.0 and powers[i] > limit:
+            seen[0, count], seen[1, count] = powers[i], missing[i]
+            last = max(last, powers[i] if missing[i] > BARELY else 0.0)
+            count += 1
+    fill_miss_products(missing, powers, limit, rates, products)
+    products[2] = 0.0
+    here = _chance_beyond(place)
+    for _ in range(MAX_STEPS):
+        place += STEP
+        there = _chance_beyond(place)
+        kept = 1.0 + crowd * power
+        if kept > 1.0 + NEARLY:
+            kept = 1.0
+            for i in range(assignment.shape[0]):
+                if assignment[i] >= 0:
+                    kept *= 1.0 + power * powers[i]
+                    if kept > MAX_CUT:
+                        break
+        missed = 0.0
+        if kept <= MAX_CUT:
+            for q in range(rates.shape[0]):
+                products[3, q] = (here - there) / kept
+            for point in range(count):
+                shown = seen[1, point] / (1.0 + power * seen[0, point])
+                missed += shown
+                for q in range(rates.shape[0]):
+                    products[3, q] *= 1.0 - rates[q] * shown
+            for q in range(rates.shape[0]):
+                products[2, q] += products[3, q]
         here = there
-    fill_miss_products(missing, sizes, smallest, rates, products)
+        power *= STEP_OF_POWER
+        if missed > MAX_MISSED or power * last < WITHIN:
+            break
+    out = far + math.log(here)
     for q in range(rates.shape[0]):
-        rate, product, total = rates[q], 1.0, 0.0
-        for step in range(count):
-            total += steps[0, step] * product
-            product *= 1.0 - rate * steps[1, step]
-        if total == 0.0:
+        if products[2, q] == 0.0:
             continue
-        each = log_weights[q] + matches * math.log(rate) + math.log(total) + products[1, q] + math.log(products[0, q])
+        each = log_weights[q] + matches * math.log(rates[q])
+        each += math.log(products[2, q]) + products[1, q] + math.log(products[0, q])
         out = max(out, each) + math.log1p(math.exp(-abs(out - each)))
     return out
 
 
 @part
-def find_occluders(assignment, pixels, missing, images, reaches, in_sight, odds):  # type: ignore[no-untyped-def]
+def _fill_direction_apart(assignment, pixels, missing, points, out):  # type: ignore[no-untyped-def]
+    """The direction (2,) of Fisher's discriminant, from the matches to what is missing, into ``out``.
+
+    Of the points with numbers from ``points[0]`` up to ``points[1]``. It turns and stretches with the image, so that
+    two poses in which a body shows the same and lacks the same are treated alike.
+    """
+    weights, means, scatter = (0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(points[0], points[1]):
+        x, y = pixels[i, 0], pixels[i, 1]
+        if assignment[i] >= 0:
+            weights = weights[0] + 1.0, weights[1]
+            means = means[0] + x, means[1] + y, means[2], means[3]
+        elif missing[i] > 0.0:
+            weight = missing[i]
+            weights = weights[0], weights[1] + weight
+            means = means[0], means[1], means[2] + weight * x, means[3] + weight * y
+    own, lost = max(weights[0], 1.0), max(weights[1], 1.0)
+    x0, y0, x1, y1 = means[0] / own, means[1] / own, means[2] / lost, means[3] / lost
+    for i in range(points[0], points[1]):
+        if assignment[i] >= 0:
+            weight, x, y = 1.0, pixels[i, 0] - x0, pixels[i, 1] - y0
+        else:
+            weight, x, y = missing[i], pixels[i, 0] - x1, pixels[i, 1] - y1
+        if weight > 0.0:
+            scatter = scatter[0] + weight * x * x, scatter[1] + weight * x * y, scatter[2] + weight * y * y
+    ridge = RIDGE * (scatter[0] + scatter[2])
+    xx, xy, yy = scatter[0] + ridge, scatter[1], scatter[2] + ridge
+    out[0], out[1] = yy * (x1 - x0) - xy * (y1 - y0), xx * (y1 - y0) - xy * (x1 - x0)
+
+
+@part
+def find_occluders(assignment, pixels, missing, images, sides, in_sight, odds):  # type: ignore[no-untyped-def]
     """The edges and the windows, one in each image, that leave all matches in sight and hide most of what is missing.
 
     ``assignment`` (n,), ``pixels`` (n, 2) and ``missing`` (n,), the visibility of the points without a detection, of so
-    many ``images``, one after the other. ``reaches`` (8,): scratch.
+    many ``images``, one after the other. ``sides`` (9, 3): scratch, of
+    directions and how far the matches reach.
 
     ``odds`` (2,): logarithm of the odds of all edges and of all windows, −∞ if none is worth it; ``in_sight`` (2, n): 0
     for the points that they hide, else 1.
@@ -173,35 +241,39 @@ def find_occluders(assignment, pixels, missing, images, reaches, in_sight, odds)
     each = pixels.shape[0] // images
     odds[EDGE] = odds[WINDOW] = -math.inf
     in_sight[:] = 1.0
+    sides[:DIRECTIONS, :2] = SIDES
     for image in range(images):
         first, end = image * each, (image + 1) * each
+        _fill_direction_apart(assignment, pixels, missing, (first, end), sides[DIRECTIONS])
         maximum, way, outside, points = MIN_HIDDEN, -1, 0.0, 0.0
-        for turn in range(DIRECTIONS):
-            across, down, reach, beyond = ACROSS[turn], DOWN[turn], -math.inf, 0.0
+        for turn in range(DIRECTIONS + 1):
+            across, down, reach, beyond = sides[turn, 0], sides[turn, 1], -math.inf, 0.0
             for i in range(first, end):
                 if assignment[i] >= 0:
                     reach = max(reach, across * pixels[i, 0] + down * pixels[i, 1])
-            reaches[turn] = reach
+            sides[turn, 2] = reach
             for i in range(first, end):
                 if missing[i] > 0.0 and across * pixels[i, 0] + down * pixels[i, 1] > reach:
                     beyond += missing[i]
-            if beyond > maximum:
+            if beyond > maximum * ABOVE_ROUNDING:
                 maximum, way = beyond, turn
         if way < 0:
             continue
         for i in range(first, end):
             points += missing[i] if assignment[i] < 0 else 1.0
             if missing[i] > 0.0:
-                if ACROSS[way] * pixels[i, 0] + DOWN[way] * pixels[i, 1] > reaches[way]:
+                if sides[way, 0] * pixels[i, 0] + sides[way, 1] * pixels[i, 1] > sides[way, 2]:
                     in_sight[EDGE, i] = 0.0
-                for turn in range(DIRECTIONS):
-                    if ACROSS[turn] * pixels[i, 0] + DOWN[turn] * pixels[i, 1] > reaches[turn]:
+                for turn in range(DIRECTIONS + 1):
+                    if sides[turn, 0] * pixels[i, 0] + sides[turn, 1] * pixels[i, 1] > sides[turn, 2]:
                         in_sight[WINDOW, i] = 0.0
                         outside += missing[i]
                         break
-        # a line in one of the directions parts the points in one way for each, a circle in one for each three of them
+        # a line in one of the directions parts the points in one way for each, one in any direction in one for each two
+        # of them, and a circle in one for each three
+        ways = DIRECTIONS if way < DIRECTIONS else max(0.5 * points, DIRECTIONS)
         before = odds[EDGE] if odds[EDGE] > -math.inf else 0.0
-        odds[EDGE] = before + LOG_ODDS - math.log(DIRECTIONS * points)
+        odds[EDGE] = before + LOG_ODDS - math.log(ways * points)
         if outside > maximum * ABOVE_ROUNDING:
             before = odds[WINDOW] if odds[WINDOW] > -math.inf else 0.0
             odds[WINDOW] = before + LOG_ODDS - math.log(points * points * points / 6.0)

@@ -12,15 +12,15 @@ SMALL, APART = 1e-150, 8
 
 
 @part
-def fill_miss_products(missing, sizes, smallest, rates, products):  # type: ignore[no-untyped-def]
-    """Chances that none of the points of at least some size is detected, at each rate, into ``products`` (2, Q).
+def fill_miss_products(missing, distances, maximum, rates, products):  # type: ignore[no-untyped-def]
+    """Chances that none of the points up to some distance is detected, at each rate, into ``products`` (2, Q).
 
-    Each is the first row times the exponential of the second. ``missing`` and ``sizes``: (n,).
+    Each is the first row times the exponential of the second. ``missing`` and ``distances``, in any scale: (n,).
     """
     products[0], products[1] = 1.0, 0.0
     since = 0
     for point in range(missing.shape[0]):
-        if missing[point] > 0.0 and sizes[point] >= smallest:
+        if missing[point] > 0.0 and distances[point] <= maximum:
             for q in range(rates.shape[0]):
                 products[0, q] *= 1.0 - rates[q] * missing[point]
             since += 1
@@ -39,7 +39,7 @@ def log_over_rates(missing, matches, rates, log_weights, products):  # type: ign
     The visibility of the former apart. ``missing`` (n,): that of the latter, zero for the former; ``products`` (2, Q):
     scratch.
     """
-    fill_miss_products(missing, missing, 0.0, rates, products)  # of points of any size
+    fill_miss_products(missing, missing, math.inf, rates, products)  # of all points
     highest, total = -math.inf, 0.0
     for q in range(rates.shape[0]):
         each = log_weights[q] + matches * math.log(rates[q]) + products[1, q] + math.log(products[0, q])
