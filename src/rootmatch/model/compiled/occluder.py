@@ -240,7 +240,8 @@ def find_occluders(assignment, pixels, missing, images, sides, in_sight, odds): 
     each = pixels.shape[0] // images
     odds[EDGE] = odds[WINDOW] = -math.inf
     in_sight[:] = 1.0
-    sides[:DIRECTIONS, :2] = SIDES
+    for turn in range(DIRECTIONS):
+        sides[turn, 0], sides[turn, 1] = SIDES[turn, 0], SIDES[turn, 1]
     for image in range(images):
         first, end = image * each, (image + 1) * each
         _fill_direction_apart(assignment, pixels, missing, (first, end), sides[DIRECTIONS])
