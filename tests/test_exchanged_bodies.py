@@ -71,9 +71,14 @@ def test_a_body_in_the_place_of_its_like_is_told_at_once(changed: int, exchanged
 
 
 def test_one_that_shares_three_of_seven_points_is_searched_for_among_what_another_takes() -> None:
-    """Three points of seven held the place of the first, and the second was searched for among the rest alone."""
-    late = [max((frame for frame, _ in told(seed, 4, exchanged=False)[1]), default=0) for seed in range(1000, 1006)]
-    assert sum(frame <= CHANGE + 1 for frame in late) >= 5  # in the other one these three are all that the image tells
+    """Three points of seven held the place of the first, and the second was searched for among the rest alone.
+
+    Of 16 flights, in which the second is in sight in 224 frames; before, 55 were right and 46 wrong.
+    """
+    every = [told(seed, 4, exchanged=False) for seed in range(1000, 1016)]
+    right, wrong = (sum(frame >= CHANGE for one in every for frame, _ in one[k]) for k in (0, 1))
+    assert right > 70  # in some frames these three are all that the image tells of it
+    assert wrong < 36
 
 
 def test_bodies_are_alike_by_the_points_that_agree() -> None:

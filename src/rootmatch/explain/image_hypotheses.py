@@ -47,6 +47,7 @@ from rootmatch.model.proposals import (
     rough_fits,
     solve_minimal_sets,
 )
+from rootmatch.model.shown_in_part import most_visible
 from rootmatch.model.successive_symmetries import compose_symmetries, displacements_within, propose_moved
 from rootmatch.problems.pose_fit.reference_point import centre_points, pose_about_point
 
@@ -238,17 +239,19 @@ def is_search_needless(
 ) -> bool:
     """Whether a predicted pose explains more than any pose elsewhere could, so that no search is needed.
 
-    A pose elsewhere has at most as many matches as there are unexplained detections or visible points, or as one that a
-    search has not met (``unmet``). Each is worth as much as those found, or as one of an unexplained detection that
-    fits; a minimal set determines the pose, and is one of many. ``of_several``: each is worth only as much as those
-    found, else more bodies wait than are found (benchmarks/flights.py, room, 3 flights from 1000: 244 right, not 251).
+    A pose elsewhere has at most as many matches as there are unexplained detections, or points that can be seen at
+    once, or as one that a search has not met (``unmet``). Each is worth as much as those found, or as one of an
+    unexplained detection that fits; a minimal set determines the pose, and is one of many. ``of_several``: each is
+    worth only as much as those found, else more bodies wait than are found (benchmarks/flights.py, room, 3 flights from
+    1000: 244 right, not 251).
     """
     modes = told.modes
     if not len(modes.log_mass):
         return False
     used = modes.assignments[0][modes.assignments[0] >= 0]
     left, mass = model.shape[1] - len(used), float(modes.log_mass[0])
-    maximum = max(min(left, float(modes.visible[0].sum()), unmet) - minimal, 0.0)
+    visible = max(float(modes.visible[0].sum()), most_visible(model))
+    maximum = max(min(left, visible, unmet) - minimal, 0.0)
     elsewhere = maximum * max(mass, 0.0) / len(used)
     if maximum > 0.0 and not of_several:
         # of two squared deviations over their variances the mean is two: half of that is 1

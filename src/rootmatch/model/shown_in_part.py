@@ -202,3 +202,14 @@ def positions_ahead(model: DetectionModel, count: int) -> Floats:
     narrow = np.maximum(model.camera.focal / np.sqrt(model.areas), 1.0)[which]
     place = np.outer(RADII * model.radius * narrow, [0.0, 0.0, 1.0]) - translations[which]
     return np.asarray((place[:, None] @ rotations[which])[:, 0])
+
+
+def most_visible(model: DetectionModel) -> int:
+    """The most of a body's points that can be seen at once in one image: those that face one direction."""
+    count = model.shape[0] // max(len(model.images), 1)
+    if model.normals is None or model.view_cosine is None:
+        return count
+    normals = model.normals[:count]
+    length = np.linalg.norm(normals, axis=1)
+    along = normals @ normals.T >= model.view_cosine[:count] * length * length[:, None]
+    return int(along.sum(axis=1).max(initial=0))

@@ -191,6 +191,9 @@ class Belief:
         others = self._take(found, time)
         if searched and not others:
             self.excluded = time
+            if not self.poses:  # nor did it meet the body
+                absent = absence_chance(self.absent, time - self.time)
+                self.absent, self.time = absent / (absent + (1.0 - absent) * found.facts.missed), time
         if self.poses:  # were it not seen again where it is followed
             self.absent = absence_chance(1.0, time - self.best.time)
 

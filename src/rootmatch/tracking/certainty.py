@@ -38,8 +38,7 @@ def pose_certainty(belief: Belief, found: Finding, time: float) -> tuple[float, 
         "it may be in a place where it was followed before": 1.0 - belief.gone.share,
         "it may be a look-alike that came into view": probability(-math.log(COPY) - absent),
     }
-    if belief.poses:  # where it was followed, or as a jump from there
-        back = belief.presence_after_return(time)
+    if back := belief.presence_after_return(time):  # where it was followed, or as a jump from there
         returned = return_factor(1.0 if told is None else clutter_after(told, back), back)
         sure["it was not in view a moment ago, and little shows it now"] = returned
     origins = None if told is None else told.origins

@@ -239,7 +239,7 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
                 find_occluders(assignments[k], pixels[pose], missing, images, sides, in_sight, odds)
         far = log_over_rates(missing, matches, nodes, log_nodes, products)
         value = log_with_range_limit(
-            assignments[k], missing, far, matches, near, farthest, powers, nodes, log_nodes, limits, products
+            assignments[k], missing, far, near, farthest, powers, nodes, log_nodes, limits, products
         )
         for kind in (EDGE, WINDOW):
             if odds[kind] > -math.inf:
@@ -247,7 +247,7 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
                     left[i] = missing[i] * in_sight[kind, i]
                 far = log_over_rates(left, matches, nodes, log_nodes, products)
                 hidden = odds[kind] + log_with_range_limit(
-                    assignments[k], left, far, matches, near, farthest, powers, nodes, log_nodes, limits, products
+                    assignments[k], left, far, near, farthest, powers, nodes, log_nodes, limits, products
                 )
                 value = max(value, hidden) + math.log1p(math.exp(-abs(value - hidden)))
         value += owned

@@ -129,9 +129,7 @@ def _chance_beyond(distance):  # type: ignore[no-untyped-def]
 
 
 @part
-def log_with_range_limit(
-    assignment, missing, far, matches, nearest, reference, powers, rates, log_weights, seen, products
-):  # type: ignore[no-untyped-def]
+def log_with_range_limit(assignment, missing, far, nearest, reference, powers, rates, log_weights, seen, products):  # type: ignore[no-untyped-def]
     """What `log_over_rates` is with a limit of distance, integrated over where that lies; ``owned`` apart.
 
     A limit at L is soft: of a point at d it leaves the share 1 / (1 + (d / L)^16). It is integrated over from where it
@@ -148,9 +146,10 @@ def log_with_range_limit(
     ratio *= ratio
     ratio *= ratio
     power = math.sqrt(STEP_OF_POWER) / (ratio * ratio)  # (d / L)^16 of the reference, in the middle of a step
-    limit, count, crowd, last = WITHIN / power, 0, 0.0, 0.0
+    limit, count, matches, crowd, last = WITHIN / power, 0, 0, 0.0, 0.0
     for i in range(assignment.shape[0]):
         if assignment[i] >= 0:
+            matches += 1
             crowd += powers[i]
             last = max(last, powers[i])
         elif missing[i] > 0.0 and powers[i] > limit:
@@ -241,7 +240,8 @@ def find_occluders(assignment, pixels, missing, images, sides, in_sight, odds): 
     each = pixels.shape[0] // images
     odds[EDGE] = odds[WINDOW] = -math.inf
     in_sight[:] = 1.0
-    sides[:DIRECTIONS, :2] = SIDES
+    for turn in range(DIRECTIONS):
+        sides[turn, 0], sides[turn, 1] = SIDES[turn, 0], SIDES[turn, 1]
     for image in range(images):
         first, end = image * each, (image + 1) * each
         _fill_direction_apart(assignment, pixels, missing, (first, end), sides[DIRECTIONS])
