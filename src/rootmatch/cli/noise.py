@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 DEFAULT = 1.0
 """Pixels, as of `rootmatch.match`."""
+COLUMNS = {1: "column sigma", 2: "columns sx,sy,sz", 3: "columns sxx,sxy,syy"}
+"""How an error names the columns that state noise, by the dimension of the array that holds them."""
 
 
 @dataclass(frozen=True)
@@ -56,15 +58,14 @@ class Noise:
         """A block whose errors about the noise name the columns of the detections, if those state it."""
         if target_sigma is None:
             return nullcontext()
-        columns = {1: "column sigma", 2: "columns sx,sy,sz", 3: "columns sxx,sxy,syy"}[target_sigma.ndim]
-        return rename_to_options({"noise": f"{self.image}: {columns}"})
+        return rename_to_options({"noise": f"{self.image}: {COLUMNS[target_sigma.ndim]}"})
 
     @property
     def source_subject(self) -> str:
         """What an error about the noise of the model begins with."""
         if self.source_sigma is None:
             return "--source-noise"
-        return f"{self.model}: {'column sigma' if self.source_sigma.ndim == 1 else 'columns sx,sy,sz'}"
+        return f"{self.model}: {COLUMNS[self.source_sigma.ndim]}"
 
     def of(self, target_sigma: Floats | None) -> Any:
         """The argument ``noise`` of `rootmatch.match` for detections with such a column, or without."""

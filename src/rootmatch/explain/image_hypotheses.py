@@ -250,8 +250,10 @@ def is_search_needless(
         return False
     used = modes.assignments[0][modes.assignments[0] >= 0]
     left, mass = model.shape[1] - len(used), float(modes.log_mass[0])
-    visible = max(float(modes.visible[0].sum()), most_visible(model))
-    maximum = max(min(left, visible, unmet) - minimal, 0.0)
+    maximum, visible = min(left, unmet), float(modes.visible[0].sum())
+    if maximum > visible:
+        maximum = min(maximum, max(visible, most_visible(model)))
+    maximum = max(maximum - minimal, 0.0)
     elsewhere = maximum * max(mass, 0.0) / len(used)
     if maximum > 0.0 and not of_several:
         # of two squared deviations over their variances the mean is two: half of that is 1

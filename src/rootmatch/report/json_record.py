@@ -29,8 +29,7 @@ def match_record(match: Match) -> dict[str, Any]:
     """
     fits = bool(match.problem.min_for_pose)
     others = match.alternative_poses if fits else [None] * len(match.alternatives)
-    bodies = None if match.bodies is None else match.bodies.items()
-    return {
+    record = {
         "assignment": match.assignment.tolist(),
         "score": finite_or_none(match.score),
         "margin": finite_or_none(match.margin),
@@ -56,12 +55,11 @@ def match_record(match: Match) -> dict[str, Any]:
         "other_poses": [{"pose": pose_record(pose), "probability": likely} for pose, likely in match.other_poses]
         if fits
         else None,
-        **(
-            {}
-            if bodies is None
-            else {"bodies": {str(k): body_record(one, one.advice, one.probability) for k, one in bodies}}
-        ),
     }
+    if match.bodies is not None:
+        told = {str(label): body_record(one, one.advice, one.probability) for label, one in match.bodies.items()}
+        record["bodies"] = told
+    return record
 
 
 def body_record(match: Match, advice: str, probability: float | None) -> dict[str, Any]:

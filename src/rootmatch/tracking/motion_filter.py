@@ -46,9 +46,8 @@ class MotionOptions(Options):
         Least and largest level of the accelerations, relative to the stated one, which is their root mean square over
         all times; they change level as often as they change. With a least of 0.1, two of 36 flights drifted away from
         poses that few points showed, one with seven frames in a row matched and wrong (benchmarks/tracking.py, seeds
-        from 1000, 2000 and 3000). With a largest of 10 one of eight
-        cameras that shake by .7° in each frame lost the body, with 5 and 7 none; `Match.advice` says where half of it
-        is reached.
+        from 1000, 2000 and 3000). With a largest of 10 one of eight cameras that shake by .7° in each frame lost the
+        body, with 5 and 7 none; `Match.advice` says where half of it is reached.
     scale_drift : float
         Of `Similarity`: standard deviation of what the logarithm of the scale changes by in a second, a random walk.
         The unit of a measurement, or the size of a model, is constant; a round value that allows for .6 % in an hour.

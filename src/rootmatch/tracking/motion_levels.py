@@ -96,6 +96,18 @@ def bend_levels(levels, whole, step, along, out):  # type: ignore[no-untyped-def
 
 
 @part
+def _solve_rows(root, rows, column, out):  # type: ignore[no-untyped-def]
+    """Columns of ``out`` (p, p): the rows (p, p) solved by a triangular root; ``column`` (p,): scratch."""
+    size = len(column)
+    for i in range(size):
+        for j in range(size):
+            column[j] = rows[i, j]
+        solve_lower(root, size, column)
+        for j in range(size):
+            out[j, i] = column[j]
+
+
+@part
 def find_axes(predicted, fitted, axes, back, left):  # type: ignore[no-untyped-def]
     """Axes in which the pose of a fit is uncorrelated, and its prediction is too, with the variance 1.
 
@@ -109,18 +121,8 @@ def find_axes(predicted, fitted, axes, back, left):  # type: ignore[no-untyped-d
         for j in range(i + 1):
             root[i, j] = predicted[i, j]
     factorise(root, size, 1e-300)
-    for i in range(size):
-        for j in range(size):
-            column[j] = fitted[i, j]
-        solve_lower(root, size, column)
-        for j in range(size):
-            vectors[j, i] = column[j]
-    for i in range(size):
-        for j in range(size):
-            column[j] = vectors[i, j]
-        solve_lower(root, size, column)
-        for j in range(size):
-            white[i, j] = column[j]
+    _solve_rows(root, fitted, column, vectors)
+    _solve_rows(root, vectors, column, white)
     for i in range(size):
         for j in range(i):
             white[i, j] = white[j, i] = 0.5 * (white[i, j] + white[j, i])

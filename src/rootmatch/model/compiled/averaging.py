@@ -1,6 +1,6 @@
 """The posterior of a pose averaged along weak directions, compiled: one call in the place of a dozen for each.
 
-It is what `rootmatch.tracking.averaged_pose` does step by step, for what `rootmatch.model.compiled.settling` is for.
+It is for what `rootmatch.model.compiled.settling` is for, and is called by `rootmatch.tracking.averaged_pose`.
 """
 
 from __future__ import annotations

@@ -106,16 +106,22 @@ def largest_size(assignment, shown, sizes):  # type: ignore[no-untyped-def]
 
 
 @part
-def fill_distance_powers(reference, sizes, powers):  # type: ignore[no-untyped-def]
-    """The 1 / `SOFTNESS`-th powers of distances over that of a reference size, into ``powers`` (n,).
+def _distance_power(reference, size):  # type: ignore[no-untyped-def]
+    """The 16th power of a distance over another, by the squares of the sizes at which something appears there."""
+    ratio = reference / size
+    ratio *= ratio
+    ratio *= ratio
+    return ratio * ratio
 
-    ``sizes`` (n,), squares as of `fill_sizes`.
+
+@part
+def fill_distance_powers(reference, sizes, powers):  # type: ignore[no-untyped-def]
+    """The 16th powers of distances over that of a reference, into ``powers`` (n,).
+
+    ``reference`` and ``sizes`` (n,): squares as of `fill_sizes`.
     """
     for i in range(sizes.shape[0]):
-        ratio = reference / max(sizes[i], 1e-12 * reference)
-        ratio *= ratio
-        ratio *= ratio
-        powers[i] = ratio * ratio
+        powers[i] = _distance_power(reference, max(sizes[i], 1e-12 * reference))
 
 
 @part
@@ -142,10 +148,7 @@ def log_with_range_limit(assignment, missing, far, nearest, reference, powers, r
         return far
     size = min(reference * EARLIER, nearest)
     place = 0.5 * math.log(nearest / size)
-    ratio = reference / size
-    ratio *= ratio
-    ratio *= ratio
-    power = math.sqrt(STEP_OF_POWER) / (ratio * ratio)  # (d / L)^16 of the reference, in the middle of a step
+    power = math.sqrt(STEP_OF_POWER) / _distance_power(reference, size)  # of the reference, in the middle of a step
     limit, count, matches, crowd, last = WITHIN / power, 0, 0, 0.0, 0.0
     for i in range(assignment.shape[0]):
         if assignment[i] >= 0:
